@@ -14,7 +14,7 @@ from geomphys.engine.log_messages import Message
 from geomphys.engine.pipeline import Pipeline
 from geomphys.errors import LogError
 from geomphys.jit.kernel import are_compiled
-from geomphys.jit.work import telling
+from geomphys.jit.work import progress_to
 from geomphys.load import load_world, scaled_to_log
 from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
 from geomphys.output.provenance import provenance_of
@@ -119,7 +119,7 @@ def run(
     options, callbacks = options or OutputOptions(), callbacks or Callbacks()
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
     check_targets([path for path in (out, rrd) if path is not None], force=force, inputs=(log,), partial=True)
-    with telling(callbacks.compiling):
+    with progress_to(callbacks.compiling):
         world = (
             scene
             if isinstance(scene, World)

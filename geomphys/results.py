@@ -42,7 +42,7 @@ FLAG_BLOCKED = 128  # the recorded pose is free, but the path to it is obstructe
 FLAG_STARTED_INSIDE = 256  # the first frame overlapped
 FLAG_SHAPE_CHANGED = 512  # mode rigid: shape or rotation changed too: a translation would go too far, or off a grip
 FLAG_CATCHING_UP = 1024  # after a gap or a jump of a tracker, the way missed is made up at a bounded speed
-FLAG_SWEEP_BOUND = 2048  # contact forces of driven and simulated bodies ended at their bound of sweeps, not settled
+FLAG_SWEEP_BOUND = 2048  # contact forces of driven and simulated bodies ended at their bound of sweeps, not converged
 FLAG_TABLE_FULL = 4096  # pairs, contact points or rows of the solvers found their table full and were left out
 
 

@@ -11,7 +11,7 @@ from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import update_boxes
 from geomphys.engine.frame_buffer import FIGURES
 from geomphys.engine.motion_measures import measure_motion
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.engine.step import measure_correction
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Record, pack
@@ -30,21 +30,21 @@ class TipFigures(NamedTuple):
 
 
 @kernel
-def _measure(scene: Scene, m: Machine, figures: Record) -> None:
-    """`measure_motion` with the bodies at `m.corrected`, which were recorded at `m.recorded`."""
-    pose_pieces(scene.pieces, m.recorded, m.workspace.piece_frames.base)
-    pose_pieces(scene.pieces, m.corrected, m.workspace.piece_frames.frames)
+def _measure(scene: Scene, data: ReplayData, figures: Record) -> None:
+    """`measure_motion` with the bodies at `data.corrected`, which were recorded at `data.recorded`."""
+    pose_pieces(scene.pieces, data.recorded, data.workspace.piece_frames.base)
+    pose_pieces(scene.pieces, data.corrected, data.workspace.piece_frames.frames)
     for tree in range(len(scene.trees.role)):
-        update_boxes(scene, m.workspace.piece_frames.frames, m.detection.boxes, tree)
-    measure_correction(scene, m, figures)
-    measure_motion(scene, m, figures)
+        update_boxes(scene, data.workspace.piece_frames.frames, data.detection.boxes, tree)
+    measure_correction(scene, data, figures)
+    measure_motion(scene, data, figures)
 
 
 class FingertipMeter:
     """Fingertips of a world, against everything of other trees."""
 
     def __init__(self, world: World) -> None:
-        self._machine = make_machine(world.scene)
+        self._machine = make_replay_data(world.scene)
         self._packed = pack(world.scene), pack(self._machine)
         self._figures = np.zeros(1, FIGURES)[0]
 

@@ -14,7 +14,7 @@ from geomphys.bench.experiments import Experiment
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.bench.report import Curve
 from geomphys.config import Config
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.load import load_world
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import Frame
@@ -128,10 +128,10 @@ def box_of_balls(folder: Path, count: int) -> World:
 
 def slide(name: str, world: World, count: int) -> Experiment:
     """Every hand of a world of this module goes in circles, its lowest point `OVERLAP` below the table's top."""
-    machine = make_machine(world.scene)
+    data = make_replay_data(world.scene)
     owner = world.scene.bodies.tree
     lowest = min(
-        float(np.min(apply(matrix_from_pose(machine.recorded[body]), corners)[:, 2]))
+        float(np.min(apply(matrix_from_pose(data.recorded[body]), corners)[:, 2]))
         for body, (corners, _) in enumerate(world.collision_triangles)
         if owner[body] < world.avatar_count and len(corners)
     )

@@ -12,7 +12,7 @@ from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, Separation, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec
@@ -144,7 +144,7 @@ def measure_near(
     return s
 
 
-@outlined
+@noinline
 def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
     """A lower bound of the separation of pieces a and b [m], their gap along the cached direction, and that direction.
 
@@ -172,7 +172,7 @@ def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Sep
         near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
 
 
-@outlined
+@noinline
 def near_bodies(
     scene: Scene,
     frames: Floats,
@@ -243,7 +243,7 @@ def set_motion_bound(bounds: Records, tree: int, far: float) -> None:
     bounds[tree].world = bounds[tree].joints = far
 
 
-@outlined
+@noinline
 def find_near(
     scene: Scene, frames: Floats, bounds: Records, margin: float, enough: float, near: Near, detection: Detection
 ) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from geomphys.collision.gjk import difference, set_corner
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Scratch
 from geomphys.collision.support import Core, is_curved
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
 
@@ -246,7 +246,7 @@ def blend(scratch: Scratch, i: int, j: int, k: int, x: float, y: float, z: float
     return add_scaled(point, vec_of(scratch.corners[k].on_a), z)
 
 
-@outlined
+@noinline
 def expand(
     a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, count: int, scratch: Scratch
 ) -> tuple[bool, float, Vec, Vec]:

@@ -13,7 +13,7 @@ from geomphys.collision.epa import blend
 from geomphys.collision.gjk import difference, on_triangle, set_corner
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import Core
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add, cross, dot, norm, rotate, scale, sub
 from geomphys.scene.arrays import BOX, CAPSULE
@@ -86,7 +86,7 @@ def try_direction(
     return best, outward
 
 
-@outlined
+@noinline
 def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, scratch: Scratch) -> tuple[float, Vec, Vec]:
     """Depth, outward normal and point of A of two cores, as `expand` has them; none of them curved."""
     best, outward = np.inf, (0.0, 0.0, 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from geomphys.collision.penetration import Separation
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import Shapes, feature
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, scale, sub
 from geomphys.scene.arrays import Floats
@@ -47,7 +47,7 @@ def clip(points: Floats, count: int, out: Floats, origin: Vec, inward: Vec) -> i
     return written
 
 
-@outlined
+@noinline
 def manifold(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, out_b: Floats, scratch: Scratch) -> int:
     """Points where the pieces `a` and `b` touch, from what `separation` found for them.
 

@@ -10,7 +10,7 @@ from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
 from geomphys.collision.support import Shapes, core_of, is_curved, position_of, radius_of, rotation_of
-from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.jit.kernel import inlined, kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
@@ -57,7 +57,7 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     return separate(Shapes(pieces, frames), a, b, limit, axis, scratch)
 
 
-@outlined
+@noinline
 def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
     """See `separation`.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.support import core_of, radius_of, shapes_of, support
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.quantiles import median
 from geomphys.numerics.vec3 import neg
@@ -86,7 +86,7 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     )
 
 
-@outlined
+@noinline
 def update_boxes(scene: Scene, frames: Floats, boxes: Boxes, tree: int) -> None:
     """Recompute the boxes of the pieces and bodies of `tree` and of itself; empty ones become (inf, -inf)."""
     for k in range(3):

@@ -4,7 +4,7 @@ Both bodies move on straight lines with constant angular velocity. The path is c
 that are a distance apart cannot touch before their relative motion has reached that distance; and where a direction, attached
 to the piece that rotates most, separates them now and at a later time, it does so in between, up to the curvature of the
 relative motion. An overlap on the path that is small relative to both pieces is tolerated: the ends of a path are free, or nearly
-so, and a piece that passes through another reaches a depth of half the thickness of the thinner one.
+so, and a piece that iterations through another reaches a depth of half the thickness of the thinner one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from geomphys.collision.detect import Axes, pair_separation
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import pose_piece, shapes_of
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Vec,
@@ -40,7 +40,7 @@ from geomphys.scene.kinematics import frame_position, frame_rotation, orientatio
 Floats = NDArray[np.float64]
 
 PATH_TOLERANCE = 0.08  # how deep two pieces may overlap between two poses: of their mean thickness
-MOST_PATH_TOLERANCE = 1e-3  # m: the same, at most
+MAX_PATH_TOLERANCE = 1e-3  # m: the same, at most
 MAX_ADVANCEMENTS = 48  # times at most that are tested
 
 
@@ -48,7 +48,7 @@ MAX_ADVANCEMENTS = 48  # times at most that are tested
 def path_tolerance(scene: Scene, a: int, b: int) -> float:
     """How deep [m] two pieces may overlap on their path."""
     thickness = scene.pieces.thickness
-    return min(PATH_TOLERANCE * 0.5 * (thickness[a] + thickness[b]), MOST_PATH_TOLERANCE)
+    return min(PATH_TOLERANCE * 0.5 * (thickness[a] + thickness[b]), MAX_PATH_TOLERANCE)
 
 
 @kernel
@@ -108,7 +108,7 @@ def _attached_direction(before: Floats, after: Floats, body: int, fraction: floa
     return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, fraction), n)
 
 
-@outlined
+@noinline
 def is_separated_on_path(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
 ) -> bool:
@@ -128,7 +128,7 @@ def is_separated_on_path(
     return gap_along(shapes_of(scene.pieces, frames), a, b, n) > -deep
 
 
-@outlined
+@noinline
 def path_is_free(
     scene: Scene, before: Floats, after: Floats, a: int, b: int, frames: Floats, axes: Axes, scratch: Scratch
 ) -> bool:

@@ -11,7 +11,7 @@ from geomphys.driven.postures import Posture, joint_jacobian, point_of
 from geomphys.driven.qp import has_row
 from geomphys.driven.reach_cones import cone_limit, cone_row
 from geomphys.driven.state import GENERAL_MOTION, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, cross, dot, norm, quat_conjugate, quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, Scene
@@ -104,7 +104,7 @@ def _inside(poses: Floats, body: int, point: Vec) -> Vec:
     return quat_rotate(quat_conjugate(orientation_of(poses, body)), sub(point, position_of(poses, body)))
 
 
-@outlined
+@noinline
 def _cache_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> None:
     """Cache the nearest points of near pair k, in place of a spot that is the same."""
     near, work = ws.near, ws.work
@@ -131,9 +131,9 @@ def _cache_spot(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int) -> Non
     set_vec(spot.point_b, lb)
 
 
-@outlined
+@noinline
 def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: float, m: int, unknowns: int) -> int:
-    """Rows for spots where near pair k touched in earlier passes: the nearest points of two faces jump from corner to corner."""
+    """Rows for spots where near pair k touched before: the nearest points of two faces jump from corner to corner."""
     near, work = ws.near, ws.work
     a, b = near.a[k], near.b[k]
     for i in range(len(work.spots)):
@@ -158,7 +158,7 @@ def _add_spots(scene: Scene, ws: DrivenWorkspace, poses: Floats, k: int, gap: fl
     return m
 
 
-@outlined
+@noinline
 def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: float) -> None:
     """Add ½ weight (row x + r)² to the objective."""
     h, g = ws.problem.hessian, ws.problem.gradient
@@ -170,7 +170,7 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
 
 
 @kernel
-def request_touching(ws: DrivenWorkspace) -> None:
+def request_pairs_in_contact(ws: DrivenWorkspace) -> None:
     """Only pairs that touch get a row at first; others once an iterate overlaps them."""
     near = ws.near
     for k in range(near.counts.filled):
@@ -181,7 +181,7 @@ def request_touching(ws: DrivenWorkspace) -> None:
         )
 
 
-@outlined
+@noinline
 def add_pairs(
     scene: Scene, ws: DrivenWorkspace, iterate: Posture, gap: float, m: int, unknowns: int, soft: bool
 ) -> int:
@@ -208,7 +208,7 @@ def add_pairs(
     return m
 
 
-@outlined
+@noinline
 def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Posture, m: int, unknowns: int) -> int:
     """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
     for cone in range(len(scene.cones.limb)):
@@ -225,7 +225,7 @@ def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Post
     return m
 
 
-@outlined
+@noinline
 def bound_unknowns(scene: Scene, ws: DrivenWorkspace, iterate: Posture, trust_radius: float, firm: bool) -> None:
     """Bounds of the unknowns: the trust region and limits of joints; `firm`: joints beyond their limits have to return."""
     low, high, work = ws.problem.low, ws.problem.high, ws.work

@@ -15,7 +15,7 @@ from geomphys.driven.constraints import add_term
 from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, joint_jacobian
 from geomphys.driven.state import GENERAL_MOTION, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_at
 from geomphys.numerics.vec3 import Vec, neg
 from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
@@ -37,7 +37,7 @@ def store_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) ->
     work.counts.touches = max(work.counts.touches, i + 1)
 
 
-@outlined
+@noinline
 def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
     """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
     ws.work.counts.touches = 0
@@ -65,7 +65,7 @@ def drop_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
     work.counts.touches = count
 
 
-@outlined
+@noinline
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording."""
     work, near = ws.work, ws.near
@@ -100,7 +100,7 @@ def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
     return found
 
 
-@outlined
+@noinline
 def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
     """At the start of a search: set how far apart recorded contacts may be at its end, from the present gaps."""
     work = ws.work
@@ -111,7 +111,7 @@ def set_touch_goals(scene: Scene, ws: DrivenWorkspace) -> None:
         touch.goal = math.inf if k < 0 else max(ws.near.separation[k] - closing, touch.gap, 0.0)
 
 
-@outlined
+@noinline
 def add_touches(scene: Scene, ws: DrivenWorkspace, iterate: Posture, unknowns: int) -> float:
     """Add the penalty terms of the recorded contacts of trees with general motion; returns their cost."""
     work, near, cost = ws.work, ws.near, 0.0

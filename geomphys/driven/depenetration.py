@@ -13,7 +13,7 @@ from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import FREE, judge_anew
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.vec3 import Vec, scale, unit
 from geomphys.scene.arrays import Scene
 
@@ -44,7 +44,7 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
     return not certified or judge_anew(scene, ws, work.start) == FREE
 
 
-@outlined
+@noinline
 def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
     """Find the shortest free translation of a tree among those tried, into `iterate`."""
     distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
@@ -72,7 +72,7 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
     return nearest < math.inf
 
 
-@outlined
+@noinline
 def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified: bool) -> bool:
     """Translate the trees being solved, one by one, from `SearchWorkspace.iterate` to free positions near it; into `best`.
 

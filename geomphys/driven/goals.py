@@ -23,20 +23,20 @@ from geomphys.driven.state import (
     DrivenWorkspace,
 )
 from geomphys.driven.stepping import copy_unlocked, pose_with_pieces, step_to_trial
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
-FIT_PASSES = 8
+FIT_ITERATIONS = 8
 FIT_RADIUS = 0.1  # m
 FITTED = 1e-8  # m
 
 
-@outlined
+@noinline
 def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats) -> None:
     """Limits of joints, widened to recorded and present values; and extrapolated angles."""
     work, last = ws.work, state.last.angles
@@ -53,7 +53,7 @@ def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angl
             work.extrapolated[q] = min(max(state.prescribed_posture.angles[q], work.low[q]), work.high[q])
 
 
-@outlined
+@noinline
 def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
     """Fit a tree with joint offsets, in `goal`, to its targets, collisions ignored."""
     work, goal, target = ws.work, ws.work.goal, ws.work.target
@@ -67,10 +67,9 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
     copy_tree(scene, state.last, tree, work.iterate)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.iterate.angles[j] = work.extrapolated[j]
-    for k in range(7):
-        work.iterate.roots[tree, k] = roots[tree, k]
+    copy_pose(roots, tree, work.iterate.roots, tree)
     pose_tree(scene, ws.origins, tree, work.iterate.roots, work.iterate.angles, work.iterate.poses)
-    for _ in range(FIT_PASSES):
+    for _ in range(FIT_ITERATIONS):
         n = number_unknowns(scene, ws)
         assemble(scene, ws, work.iterate, False)
         bound_unknowns(scene, ws, work.iterate, FIT_RADIUS, True)
@@ -94,15 +93,14 @@ def choose_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, 
             posture.angles[q] = there
 
 
-@outlined
+@noinline
 def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """Goal of every driven tree by the coupling, posed."""
     work = ws.work
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        for k in range(7):
-            work.goal.roots[tree, k] = roots[tree, k]
+        copy_pose(roots, tree, work.goal.roots, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
         if state.prescription[tree] == PRESCRIBED:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.state import DrivenState, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import add_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, dot, quat_conjugate, quat_mul, quat_rotate, sub
@@ -37,7 +37,7 @@ def _beside_palm(ws: DrivenWorkspace, poses: Floats, tip: int) -> Vec:
     )
 
 
-@outlined
+@noinline
 def update_mean_tips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Update the mean positions of the fingertips of rigid trees.
 
@@ -72,7 +72,7 @@ def _closes(ws: DrivenWorkspace, state: DrivenState, recorded: Floats, touch: Re
     return bool(closed and _advances(ws, state.recorded.poses, recorded, touch))
 
 
-@outlined
+@noinline
 def find_grips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats) -> None:
     """Find the rigid trees that close on something: into `SearchWorkspace.grips`.
 

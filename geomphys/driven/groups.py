@@ -18,17 +18,17 @@ from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, STARTED_FREE, TRANSLATION, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import norm, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
-PASSES = 25  # passes of a search
-TRANSLATION_PASSES = 14  # passes where trees are only translated
-FIRST_PASSES = 60  # passes of that of the first frame
+MAX_ITERATIONS = 25  # iterations of a search
+TRANSLATION_ITERATIONS = 14  # iterations where trees are only translated
+FIRST_ITERATIONS = 60  # iterations of that of the first frame
 PARTS = (4, 24)  # parts into which a step is divided where no start is free
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
 
@@ -36,7 +36,7 @@ GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of resul
 class Outcome(NamedTuple):
     """Result of the driven loop in a frame."""
 
-    passes: int
+    iterations: int
     fallbacks: int  # steps divided into parts, and depenetration searches
     converged: bool
     shape_changed: bool  # a rigid tree changed its shape or rotation
@@ -46,11 +46,14 @@ class Outcome(NamedTuple):
 def combine(a: Outcome, b: Outcome) -> Outcome:
     """The result of two groups, or of two substeps."""
     return Outcome(
-        a.passes + b.passes, a.fallbacks + b.fallbacks, a.converged and b.converged, a.shape_changed or b.shape_changed
+        a.iterations + b.iterations,
+        a.fallbacks + b.fallbacks,
+        a.converged and b.converged,
+        a.shape_changed or b.shape_changed,
     )
 
 
-@outlined
+@noinline
 def set_final_posture(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
     """Set the final posture of a driven tree; other trees are then kept clear of it."""
     work = ws.work
@@ -66,7 +69,7 @@ def store_method(state: DrivenState, tree: int, fallbacks: int) -> None:
     state.method[tree] = max(state.method[tree], LEAST_DISTANCE if fallbacks == 0 else INTERPOLATED)
 
 
-@outlined
+@noinline
 def pose_surroundings(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, fraction: float) -> None:
     """Pose moving bodies that are not driven at a fraction of their path through the step."""
     work, p = ws.work, ws.piece_frames
@@ -91,7 +94,7 @@ def pose_surroundings(scene: Scene, state: DrivenState, ws: DrivenWorkspace, rec
     clear_pairs(ws)
 
 
-@outlined
+@noinline
 def choose_mobility(scene: Scene, state: DrivenState, ws: DrivenWorkspace, group: int, general_motion: bool) -> bool:
     """Choose how the trees of a group may move; whether some of them are only translated."""
     work, translated = ws.work, False
@@ -123,7 +126,7 @@ def is_translated_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace,
     return False
 
 
-@outlined
+@noinline
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
     """Search from the free start in `SearchWorkspace.iterate`; its result must be reachable straight from the start of the step.
 
@@ -132,49 +135,49 @@ def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: flo
     work = ws.work
     copy_unlocked(scene, ws, work.iterate, work.start)
     pose_unlocked(scene, ws, work.iterate)
-    found = search(scene, ws, angles, gap, PASSES, True, tethered, EVERY_STEP)
+    found = search(scene, ws, angles, gap, MAX_ITERATIONS, True, tethered, EVERY_STEP)
     pose_unlocked(scene, ws, work.best)
     if judge(scene, ws, work.best) == FREE:
         return found
     copy_unlocked(scene, ws, work.start, work.iterate)
     pose_unlocked(scene, ws, work.iterate)
-    again = search(scene, ws, angles, gap, PASSES, True, tethered, STRAIGHT)
-    return Found(again.free, found.passes + again.passes, again.converged, again.cost, again.rate_limited)
+    again = search(scene, ws, angles, gap, MAX_ITERATIONS, True, tethered, STRAIGHT)
+    return Found(again.free, found.iterations + again.iterations, again.converged, again.cost, again.rate_limited)
 
 
-@outlined
+@noinline
 def _attempt(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, gap: float, translated: bool
 ) -> Found:
     """Search from a free start, or for translated trees from an overlapping one if its result can be reached."""
-    work, passes = ws.work, 0
+    work, iterations = ws.work, 0
     chosen = choose_start(scene, state, ws, roots, angles)
     if chosen < 0:
         if not translated:
             return Found(False, 0, False, math.inf, False)
         choose_shallowest(scene, state, ws, roots, angles)
         pose_unlocked(scene, ws, work.iterate)
-        relaxed = search(scene, ws, angles, gap, TRANSLATION_PASSES, False, False, ANY_PATH)
-        passes = relaxed.passes
+        relaxed = search(scene, ws, angles, gap, TRANSLATION_ITERATIONS, False, False, ANY_PATH)
+        iterations = relaxed.iterations
         if not relaxed.free:
             return relaxed
         copy_unlocked(scene, ws, work.best, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
         if judge(scene, ws, work.iterate) != FREE:
-            return Found(False, passes, False, math.inf, False)
+            return Found(False, iterations, False, math.inf, False)
     if chosen >= ALONG:
         shorten_start(scene, state, ws, roots, angles)
     found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
-    return Found(found.free, found.passes + passes, found.converged, found.cost, found.rate_limited)
+    return Found(found.free, found.iterations + iterations, found.converged, found.cost, found.rate_limited)
 
 
-@outlined
+@noinline
 def _separate_after_part(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
     """Move the trees out of what has moved slightly into them in a part of a step."""
     work = ws.work
     copy_unlocked(scene, ws, work.before, work.iterate)
     pose_unlocked(scene, ws, work.iterate)
-    return search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
+    return search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
 
 
 @kernel
@@ -183,41 +186,40 @@ def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                for k in range(7):
-                    ws.work.before.poses[body, k] = ws.work.iterate.poses[body, k]
+                copy_pose(ws.work.iterate.poses, body, ws.work.before.poses, body)
 
 
-@outlined
+@noinline
 def _in_parts(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats, gap: float
 ) -> tuple[bool, int]:
-    """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, passes)."""
-    work, passes = ws.work, 0
+    """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, iterations)."""
+    work, iterations = ws.work, 0
     for parts in PARTS:
         free = True
         for part in range(1, parts + 1):
             pose_surroundings(scene, state, ws, recorded, part / parts if part < parts else 1.0)
             list_pairs(scene, ws)
             found = _attempt(scene, state, ws, roots, angles, gap, False)
-            passes += found.passes
+            iterations += found.iterations
             if not found.free:
                 found = _separate_after_part(scene, ws, angles, gap)
-                passes += found.passes
+                iterations += found.iterations
             if not found.free:
                 free = False
                 break
             copy_unlocked(scene, ws, work.best, work.before)
             _move_before(scene, ws)
         if free:
-            return True, passes
+            return True, iterations
         for tree in range(len(work.mobility)):
             if is_recorded(scene, tree) and (work.mobility[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
                 copy_tree(scene, state.last, tree, work.before)
     pose_surroundings(scene, state, ws, recorded, 1.0)
-    return False, passes
+    return False, iterations
 
 
-@outlined
+@noinline
 def solve_group(
     scene: Scene,
     state: DrivenState,
@@ -233,16 +235,16 @@ def solve_group(
     translated = choose_mobility(scene, state, ws, group, False)
     list_pairs(scene, ws)
     found = _attempt(scene, state, ws, roots, angles, gap, translated)
-    passes, fallbacks = found.passes, 0
+    iterations, fallbacks = found.iterations, 0
     if translated and (not found.free or is_translated_too_far(scene, state, ws, roots)):
         choose_mobility(scene, state, ws, group, True)
         found = _attempt(scene, state, ws, roots, angles, gap, False)
-        passes += found.passes
+        iterations += found.iterations
     converged = found.converged
     if not found.free:
         fallbacks = 1
         free, more = _in_parts(scene, state, ws, roots, angles, recorded, gap)
-        passes += more
+        iterations += more
         converged = free
         if not free:
             copy_unlocked(scene, ws, work.before, work.iterate)
@@ -253,8 +255,8 @@ def solve_group(
                 pose_unlocked(scene, ws, work.iterate)
                 for tree in range(len(work.mobility)):
                     work.deviation_limit[tree] = math.inf
-                more_found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
-                passes, converged = passes + more_found.passes, more_found.free
+                more_found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
+                iterations, converged = iterations + more_found.iterations, more_found.free
             else:
                 copy_unlocked(scene, ws, work.iterate, work.best)
     shape_changed = False
@@ -266,10 +268,10 @@ def solve_group(
             pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
             set_final_posture(scene, state, ws, tree, work.best)
             store_method(state, tree, fallbacks)
-    return Outcome(passes, fallbacks, converged, shape_changed)
+    return Outcome(iterations, fallbacks, converged, shape_changed)
 
 
-@outlined
+@noinline
 def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees of the group with joints at zero, or as near as limits allow: links that overlap there never collide."""
     for tree in range(len(ws.work.mobility)):
@@ -282,10 +284,10 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
             pose_tree(scene, ws.origins, tree, target.roots, target.angles, target.poses)
 
 
-@outlined
+@noinline
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
     """The first frame: without earlier motion any free posture near the recorded one is valid."""
-    work, passes, fallbacks, converged = ws.work, 0, 0, True
+    work, iterations, fallbacks, converged = ws.work, 0, 0, True
     for tree in range(len(work.mobility)):
         work.deviation_limit[tree] = math.inf
     measure_swept_pairs(scene, ws, work.goal)
@@ -311,8 +313,8 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             break
         copy_unlocked(scene, ws, work.goal, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
-        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
-        passes += found.passes
+        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, False, ANY_PATH)
+        iterations += found.iterations
         if not translated:
             break
     converged = found.free
@@ -320,8 +322,8 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         fallbacks = 1
         _set_joints_to_zero(scene, ws, work.goal, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
-        found = search(scene, ws, angles, gap, FIRST_PASSES, False, False, ANY_PATH)
-        passes, converged = passes + found.passes, found.free
+        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, False, ANY_PATH)
+        iterations, converged = iterations + found.iterations, found.free
     if not found.free:
         copy_unlocked(scene, ws, work.goal, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
@@ -329,12 +331,12 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         if converged:
             copy_unlocked(scene, ws, work.best, work.iterate)
             pose_unlocked(scene, ws, work.iterate)
-            found = search(scene, ws, angles, gap, PASSES, False, False, EVERY_STEP)
-            passes, converged = passes + found.passes, found.free
+            found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
+            iterations, converged = iterations + found.iterations, found.free
         else:
             copy_unlocked(scene, ws, work.iterate, work.best)
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
             set_final_posture(scene, state, ws, tree, work.best)
             store_method(state, tree, fallbacks)
-    return Outcome(passes, fallbacks, converged, False)
+    return Outcome(iterations, fallbacks, converged, False)

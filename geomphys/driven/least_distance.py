@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -161,7 +161,7 @@ def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
         p.is_active[i] = 0
 
 
-@outlined
+@noinline
 def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, active_count: int) -> tuple[int, int]:
     """Continue from a solution with `count` active rows to one for the first `m` rows; see `begin_least_distance`.
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.postures import Posture, point_of, world_axis
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, set_vec_from, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
@@ -310,7 +310,7 @@ def _limit_cost(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: int) ->
     return cost
 
 
-@outlined
+@noinline
 def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) -> float:
     """Hessian and gradient of all trees in the problem at a posture; returns the cost.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, quat_rotate, sub
 from geomphys.scene.arrays import JOINT_PRISMATIC, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
@@ -39,13 +39,11 @@ def is_recorded(scene: Scene, tree: int) -> bool:
 @kernel
 def copy_tree(scene: Scene, source: Posture, tree: int, target: Posture) -> None:
     """Copy a tree's part of a posture."""
-    for k in range(7):
-        target.roots[tree, k] = source.roots[tree, k]
+    copy_pose(source.roots, tree, target.roots, tree)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         target.angles[q] = source.angles[q]
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        for k in range(7):
-            target.poses[body, k] = source.poses[body, k]
+        copy_pose(source.poses, body, target.poses, body)
 
 
 @kernel

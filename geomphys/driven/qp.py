@@ -23,7 +23,7 @@ from geomphys.driven.least_distance import (
     make_least_distance,
     satisfy_rows,
 )
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 
 Floats = NDArray[np.float64]
@@ -80,7 +80,7 @@ def has_row(p: Quadratic, m: int) -> bool:
     return False
 
 
-@outlined
+@noinline
 def _factorise(p: Quadratic, n: int) -> bool:
     """Cholesky factor of the Hessian; False if it is not positive definite."""
     h, f = p.hessian, p.factor
@@ -164,7 +164,7 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
     return m
 
 
-@outlined
+@noinline
 def resume_quadratic(p: Quadratic, n: int, first: int, m: int, active_count: int) -> tuple[int, int, int]:
     """Add rows `first` to `m`, as they were written, to a solution with `count` active rows, and resume the dual method.
 
@@ -198,7 +198,7 @@ def resume_quadratic(p: Quadratic, n: int, first: int, m: int, active_count: int
     return status, m, active_count
 
 
-@outlined
+@noinline
 def solve_quadratic(p: Quadratic, n: int, m: int) -> tuple[int, int, int]:
     """Solve with the first `n` unknowns and `m` rows of `p.least`; the solution is in `p.x`. Returns as `resume_quadratic`."""
     if not _factorise(p, n):

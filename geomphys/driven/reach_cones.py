@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, norm, perpendicular, rotate, scale, sub, unit
 from geomphys.scene.arrays import JOINT_FIXED, Scene
@@ -60,7 +60,7 @@ def _nearest(directions: Floats, first: int, last: int, d: Vec) -> tuple[Vec, Ve
     return point, normal
 
 
-@outlined
+@noinline
 def signed_angle(directions: Floats, first: int, last: int, d: Vec) -> tuple[float, Vec, Vec]:
     """Signed angular distance of a direction from the boundary of a cone.
 
@@ -112,7 +112,7 @@ def _in_first(scene: Scene, v: Vec, body: int, first: int, angles: Floats) -> Ve
         body = scene.bodies.parent[body]
 
 
-@outlined
+@noinline
 def limb_direction(scene: Scene, cone: int, angles: Floats) -> Vec:
     """Unit direction of the limb at `angles` (Q,), in the frame of the cone's first joint, before its rotation."""
     cones = scene.cones

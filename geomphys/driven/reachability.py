@@ -28,7 +28,7 @@ from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import find_unlocked_pairs, measure_motion, motion_of, pose_with_pieces
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -60,7 +60,7 @@ def _pair_travel(travel: Records, a: int, b: int) -> float:
     return apart + float(travel[a].rotation) + float(travel[b].rotation)
 
 
-@outlined
+@noinline
 def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floats) -> None:
     """Motion of the pieces of bodies that are not driven from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
     work = ws.work
@@ -83,7 +83,7 @@ def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
     return far
 
 
-@outlined
+@noinline
 def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
     """Near pairs of the trees being solved, posed at `posture`, that they may have touched on the path there.
 
@@ -133,7 +133,7 @@ def clear_pairs(ws: DrivenWorkspace) -> None:
         ws.work.covered[tree] = -1.0
 
 
-@outlined
+@noinline
 def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     """List the pairs that may touch on the path of the trees being solved to a posture near the goal; poses them at the goal.
 
@@ -176,7 +176,7 @@ def _measure_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> boo
     return covers
 
 
-@outlined
+@noinline
 def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
     """`measure_near_pairs` at the posed iterate from the listed pairs: (whether the list is complete, least separation)."""
     work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
@@ -207,7 +207,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
     return True, least
 
 
-@outlined
+@noinline
 def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, where the listed pairs are all that may collide."""
     work, listed, p = ws.work, ws.listed, ws.piece_frames
@@ -232,7 +232,7 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     return FREE
 
 
-@outlined
+@noinline
 def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
     if measure_swept_pairs(scene, ws, posture) < 0.0:
@@ -243,7 +243,7 @@ def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     return FREE
 
 
-@outlined
+@noinline
 def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """FREE, IN_COLLISION or UNCERTIFIED: a posture of the trees being solved, for which pairs are listed and pieces posed."""
     if _measure_travels(scene, ws, posture):
@@ -265,7 +265,7 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
     return s
 
 
-@outlined
+@noinline
 def find_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
     """The nearest bodies that the recording moves, of the listed pairs at the posture that was judged last."""
     listed, reference_bodies = ws.listed, ws.work.reference_bodies

@@ -23,7 +23,7 @@ from geomphys.driven.constraints import (
     bound_unknowns,
     clear_spots,
     is_unlocked_pair,
-    request_touching,
+    request_pairs_in_contact,
     row_limit,
 )
 from geomphys.driven.contacts_kept import add_touches, measure_touches, set_touch_goals
@@ -46,8 +46,8 @@ from geomphys.driven.stepping import (
     step_length_within_rate,
     update_separations,
 )
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, set_pose
@@ -57,17 +57,17 @@ Floats = NDArray[np.float64]
 RADIUS_FACTOR = 2.0  # first trust radius: times the largest distance of a link from its target
 SMALL_RADIUS = 1e-3  # m: first trust radius, at least
 FIRST_RADIUS = 0.01  # m: first trust radius, at most
-LEAST_RADIUS = 3e-4  # m: later trust radii, at least
-MOST_RADIUS = 0.03  # m: later trust radii, at most
+MIN_RADIUS = 3e-4  # m: later trust radii, at least
+MAX_RADIUS = 0.03  # m: later trust radii, at most
 HALVINGS = 6  # tries of a step, each half as long
-MARGIN = 2e-3  # m: extra distance of the search for pairs, so that their list serves more passes
+MARGIN = 2e-3  # m: extra distance of the search for pairs, so that their list serves more iterations
 ATTRACTION_DISTANCE = 0.02  # m: distance up to which fingertips are moved to what they touched in the recording
-ROUNDS = 12  # rounds of added rows in a pass
-SETTLED = 2e-6  # m: a pass with less motion ends the search
-SETTLED_TRANSLATION = 1e-8  # m: the same where trees are only translated
-NEARLY_SETTLED = 5e-5  # m: the same after `PATIENCE` passes, unless trees are only translated
-PATIENCE = 6  # passes of the least trust radius without a gain end the search
-RELATIVE_GAIN = 0.999  # a pass gains if the objective ends below this times its least so far
+ROUNDS = 12  # rounds of added rows in an iteration
+CONVERGED_MOTION = 2e-6  # m: an iteration with less motion ends the search
+CONVERGED_TRANSLATION = 1e-8  # m: the same where trees are only translated
+NEARLY_CONVERGED_MOTION = 5e-5  # m: the same after `PATIENCE` iterations, unless trees are only translated
+PATIENCE = 6  # iterations of the least trust radius without a gain end the search
+RELATIVE_GAIN = 0.999  # an iteration gains if the objective ends below this times its least so far
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification
 
 
@@ -75,13 +75,13 @@ class Found(NamedTuple):
     """Result of a search; the posture is in `SearchWorkspace.best`."""
 
     free: bool  # whether a free posture was found
-    passes: int
+    iterations: int
     converged: bool
     cost: float
     rate_limited: bool  # stopped by the rate limit
 
 
-@outlined
+@noinline
 def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, float]:
     """Whether the paths of all near pairs from the iterate to the trial are certified: (whether, least separation there).
 
@@ -143,7 +143,7 @@ def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float)
     return measure_near(scene.pieces, moved, k, limit, near, ws.detection.axes, ws.detection.scratch)
 
 
-@outlined
+@noinline
 def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
     """Request rows for near pairs without one that overlap at the solution, or a part of it; whether there are any."""
     near, work, some = ws.near, ws.work, False
@@ -182,7 +182,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
     return some
 
 
-@outlined
+@noinline
 def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, relaxed: bool) -> tuple[int, float]:
     """Assemble the quadratic objective at the iterate: (number of unknowns, cost there)."""
     n = number_unknowns(scene, ws)
@@ -192,7 +192,7 @@ def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, rela
     return n, cost
 
 
-@outlined
+@noinline
 def _solve_linear(
     scene: Scene, ws: DrivenWorkspace, recorded: Floats, gap: float, trust_radius: float, attracted: bool, relaxed: bool
 ) -> tuple[float, bool]:
@@ -204,7 +204,7 @@ def _solve_linear(
     for attempt in range(2):
         n, cost = _assemble_objective(scene, ws, attracted, relaxed)
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
-        request_touching(ws)
+        request_pairs_in_contact(ws)
         m = add_pairs(scene, ws, work.iterate, gap, 0, n, attempt == 1)
         m = add_cones(scene, ws, recorded, work.iterate, m, n)
         status, m, active_count = solve_quadratic(ws.problem, n, m)
@@ -232,17 +232,16 @@ def _first_radius(scene: Scene, ws: DrivenWorkspace) -> float:
     return min(max(RADIUS_FACTOR * far, SMALL_RADIUS), FIRST_RADIUS)
 
 
-@outlined
+@noinline
 def _copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Floats) -> None:
     """Copy targets (B, 7) of the trees being solved."""
     for tree in range(len(ws.work.mobility)):
         if ws.work.mobility[tree] != LOCKED:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                for k in range(7):
-                    target[body, k] = source[body, k]
+                copy_pose(source, body, target, body)
 
 
-@outlined
+@noinline
 def _set_targets_to(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """Set the targets of the links to their poses in a posture."""
     for tree in range(len(ws.work.mobility)):
@@ -252,13 +251,13 @@ def _set_targets_to(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None
                 set_pose(ws.work.target, body, link_centre(ws, posture.poses, body), q)
 
 
-@outlined
+@noinline
 def search(
     scene: Scene,
     ws: DrivenWorkspace,
     recorded: Floats,
     gap: float,
-    passes: int,
+    iterations: int,
     keep_contacts: bool,
     tethered: bool,
     mode: int,
@@ -273,8 +272,8 @@ def search(
         (Q,) rad, recorded angles: a limb recorded beyond its reach cone is bounded there.
     gap
         m; clearance.
-    passes
-        Bound on the passes.
+    iterations
+        Bound on the iterations.
     keep_contacts
         Whether recorded contacts have penalty terms.
     tethered
@@ -286,7 +285,7 @@ def search(
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
     found, converged, rate_limited, done, is_solved = False, False, False, False, True
-    only_translations, pass_count, idle, listed = _only_translations(ws), 0, 0, 0.0
+    only_translations, iteration, idle, listed = _only_translations(ws), 0, 0, 0.0
     clear_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
     for i in range(len(ws.problem.last_step)):
@@ -298,13 +297,13 @@ def search(
             least = update_separations(scene, ws, limit, CONTACT_DISTANCE)
         else:
             listed, known, least = reach + MARGIN, False, 0.0
-            if pass_count == 0:
+            if iteration == 0:
                 known, least = measure_listed_pairs(scene, ws, listed, CONTACT_DISTANCE)
             if not known:
                 least = measure_near_pairs(scene, ws, listed, CONTACT_DISTANCE)
         if attracted:
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
-            if pass_count == 0:
+            if iteration == 0:
                 set_touch_goals(scene, ws)
         if done:
             cost = _assemble_objective(scene, ws, attracted, relaxed or rate_limited)[1]
@@ -314,12 +313,12 @@ def search(
         if least >= 0.0 and (cost < best or done or rate_limited):
             found, best = True, cost
             copy_unlocked(scene, ws, work.iterate, work.best)
-        if done or not is_solved or pass_count == min(passes, work.passes):
+        if done or not is_solved or iteration == min(iterations, work.iterations):
             break
-        if idle >= PATIENCE and trust_radius == LEAST_RADIUS:
+        if idle >= PATIENCE and trust_radius == MIN_RADIUS:
             converged = True
             break
-        pass_count += 1
+        iteration += 1
         step_length, safe, trial_separation, far, stopped = 1.0, False, 0.0, 0.0, False
         for _ in range(HALVINGS):
             apply_solution(scene, ws, step_length)
@@ -348,13 +347,13 @@ def search(
             rate_limited = True
             _set_targets_to(scene, ws, work.iterate)
         if (step_length < 1.0 and not stopped) or reversed_step:
-            trust_radius = max(0.5 * trust_radius, LEAST_RADIUS)
+            trust_radius = max(0.5 * trust_radius, MIN_RADIUS)
         elif far > 0.5 * trust_radius:
-            trust_radius = min(1.5 * trust_radius, MOST_RADIUS)
-        settled = far < (SETTLED_TRANSLATION if only_translations else SETTLED) or (
-            pass_count >= PATIENCE and far < NEARLY_SETTLED and not only_translations
+            trust_radius = min(1.5 * trust_radius, MAX_RADIUS)
+        has_converged = far < (CONVERGED_TRANSLATION if only_translations else CONVERGED_MOTION) or (
+            iteration >= PATIENCE and far < NEARLY_CONVERGED_MOTION and not only_translations
         )
-        if trial_separation >= 0.0 and (settled or rate_limited):
+        if trial_separation >= 0.0 and (has_converged or rate_limited):
             converged, done = True, True
     _copy_targets(scene, ws, work.cached_target, work.target)
-    return Found(found, pass_count, converged, best, rate_limited)
+    return Found(found, iteration, converged, best, rate_limited)

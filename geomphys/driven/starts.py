@@ -16,7 +16,7 @@ from geomphys.driven.postures import Posture
 from geomphys.driven.reachability import FREE, find_reference_bodies, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.vec3 import add, add_scaled, quat_conjugate, quat_mul, quat_rotate, quat_unit, slerp, sub
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
@@ -47,7 +47,7 @@ def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) 
         posture.roots[tree, i] += path[i]
 
 
-@outlined
+@noinline
 def _make_start(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats, kind: int
 ) -> bool:
@@ -122,7 +122,7 @@ def _pose_start(
     return some
 
 
-@outlined
+@noinline
 def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> int:
     """The free and certified start nearest to the targets, into `SearchWorkspace.iterate`; returns its kind, -1: none."""
     work, best, chosen = ws.work, math.inf, -1
@@ -143,7 +143,7 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
     return chosen
 
 
-@outlined
+@noinline
 def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """The start of least overlap, into `SearchWorkspace.iterate`; `choose_start` must have been called before."""
     shallowest = -math.inf
@@ -173,7 +173,7 @@ def _blend(scene: Scene, ws: DrivenWorkspace, fraction: float) -> None:
         pose_with_pieces(scene, ws, work.start, tree)
 
 
-@outlined
+@noinline
 def shorten_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """Shorten a start that moves along with a body, in `SearchWorkspace.iterate`, to the least motion that is free."""
     work, low, high = ws.work, 0.0, 1.0

@@ -180,7 +180,7 @@ class SearchWorkspace(NamedTuple):
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grips: Ints  # (T,) 1: a rigid tree that closes on something
     unit: Floats  # (Q,) ones
-    passes: int  # bound on the passes of a search
+    iterations: int  # bound on the iterations of a search
     reference_bodies: Ints  # (n,) near bodies that the recording moves
     ignored: Ints  # (T,) 1: trees that others need not avoid
 
@@ -232,8 +232,8 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
     )
 
 
-def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWorkspace:
-    """Workspace of a search of up to `passes` passes in a scene."""
+def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> SearchWorkspace:
+    """Workspace of a search of up to `iterations` iterations in a scene."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
     contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # capacity for every tip and body
@@ -275,7 +275,7 @@ def make_search_workspace(scene: Scene, poses: Floats, passes: int) -> SearchWor
         closing=np.zeros(trees),
         grips=np.zeros(trees, np.int64),
         unit=np.ones(dofs),
-        passes=passes,
+        iterations=iterations,
         reference_bodies=np.full(REFERENCE_BODIES, -1),
         ignored=np.zeros(trees, np.int64),
     )
@@ -288,7 +288,7 @@ def make_driven_workspace(
     piece_frames: PieceFrames,
     near: Near,
     detection: Detection,
-    passes: int,
+    iterations: int,
     weights: Weights = WEIGHTS,
 ) -> DrivenWorkspace:
     """Workspace for a scene, on arrays shared with the other loops."""
@@ -306,7 +306,7 @@ def make_driven_workspace(
         near=near,
         listed=make_near(len(near.a)),
         row_state=np.zeros(len(near.a), np.int64),
-        work=make_search_workspace(scene, poses, passes),
+        work=make_search_workspace(scene, poses, iterations),
         problem=make_quadratic(max(unknowns, 1), ROWS),
         detection=detection,
         weights=weights,

@@ -16,7 +16,7 @@ from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     add,
@@ -45,7 +45,7 @@ def pose_with_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: 
     pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)
 
 
-@outlined
+@noinline
 def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """Pose the trees being solved, and their pieces."""
     for tree in range(len(ws.work.mobility)):
@@ -53,7 +53,7 @@ def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
             pose_with_pieces(scene, ws, posture, tree)
 
 
-@outlined
+@noinline
 def copy_unlocked(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees being solved."""
     for tree in range(len(ws.work.mobility)):
@@ -84,7 +84,7 @@ def find_unlocked_pairs(scene: Scene, ws: DrivenWorkspace, enough: float) -> flo
     return least
 
 
-@outlined
+@noinline
 def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> float:
     """Near pairs of the trees being solved, within `reach` [m] of each; returns the least separation found.
 
@@ -106,7 +106,7 @@ def motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
     return 0.0 if locked else float(ws.work.motion[piece])
 
 
-@outlined
+@noinline
 def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: float) -> float:
     """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
 
@@ -133,7 +133,7 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
     return least
 
 
-@outlined
+@noinline
 def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Posture) -> float:
     """Motion of each piece of the trees being solved from one posture to another; returns the largest [m]."""
     farthest = 0.0
@@ -177,7 +177,7 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> Non
         pose_tree(scene, ws.origins, tree, trial.roots, trial.angles, trial.poses)
 
 
-@outlined
+@noinline
 def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
     """Take the whole solution, collisions ignored; returns a bound on the motion of any piece [m]."""
     apply_solution(scene, ws, 1.0)
@@ -190,7 +190,7 @@ def allowed_depth(scene: Scene, a: int, b: int) -> float:
     return min(SHALLOW, 0.5 * path_tolerance(scene, a, b))
 
 
-@outlined
+@noinline
 def gap_along_normal(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -> float:
     """Gap [m] at the trial along the direction that separates near pair k at the iterate; the pair moves `motion` [m].
 

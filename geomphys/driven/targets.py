@@ -15,8 +15,8 @@ from geomphys.driven.coupling import relax_offset
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import is_recorded
 from geomphys.driven.state import PRESCRIBED, DrivenState, DrivenWorkspace
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at, vec_of
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -37,7 +37,7 @@ Floats = NDArray[np.float64]
 NO_TRANSLATION = 1e-6  # m: smaller translations of links count as zero
 NO_ROTATION = 1e-6  # rad: smaller rotation offsets of links count as zero
 DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the coupling in a frame: times its motion
-LEAST_DEVIATION = 1.4e-3  # m: the same, at least
+MIN_DEVIATION = 1.4e-3  # m: the same, at least
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
 
@@ -80,7 +80,7 @@ def _set_link_target(ws: DrivenWorkspace, recorded: Floats, body: int, translati
     set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), translation), q)
 
 
-@outlined
+@noinline
 def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Relax the offsets of a tree, and set the targets of its links.
 
@@ -147,7 +147,7 @@ def _take_prescribed(
         ].velocity[i]
 
 
-@outlined
+@noinline
 def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Relax all offsets by `dt` [s], set targets, anchors and limits of the links, whose recorded poses are (B, 7).
 
@@ -165,7 +165,7 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
             motion = max(motion, norm(path))
-        ws.work.deviation_limit[tree] = max(LEAST_DEVIATION, DEVIATION_PER_MOTION * motion)
+        ws.work.deviation_limit[tree] = max(MIN_DEVIATION, DEVIATION_PER_MOTION * motion)
         ws.work.translation_limit[tree] = ws.weights.translation_speed * dt
         ws.work.closing[tree] = ws.weights.closing_speed * dt if is_rigid(scene, tree) else math.inf
 
@@ -185,7 +185,7 @@ def _set_rate_along(rate: Floats, change: Vec, moved: Vec, per_second: float) ->
             rate[i] += (along - present) * change[i] / size
 
 
-@outlined
+@noinline
 def store_tree_offsets(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, general_motion: bool
 ) -> None:
@@ -232,7 +232,7 @@ def store_tree_offsets(
         state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = state.link_offsets[pivot].velocity[i]
 
 
-@outlined
+@noinline
 def store_offsets(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
@@ -242,16 +242,14 @@ def store_offsets(
             continue
         if scene.trees.role[tree] == DRIVEN:
             store_tree_offsets(scene, state, ws, tree, recorded, has_general_motion(scene, state, tree, roots, angles))
-        for k in range(7):
-            state.recorded.roots[tree, k] = roots[tree, k]
+        copy_pose(roots, tree, state.recorded.roots, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             state.recorded.angles[q] = angles[q]
             if scene.trees.role[tree] == DRIVEN:
                 state.used_low[q] = min(state.used_low[q], angles[q])
                 state.used_high[q] = max(state.used_high[q], angles[q])
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            for k in range(7):
-                state.recorded.poses[body, k] = recorded[body, k]
+            copy_pose(recorded, body, state.recorded.poses, body)
 
 
 @kernel

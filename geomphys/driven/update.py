@@ -20,7 +20,7 @@ from geomphys.driven.contacts_kept import drop_touches
 from geomphys.driven.goals import set_goals, set_joint_limits
 from geomphys.driven.grips import find_grips, update_mean_tips
 from geomphys.driven.groups import (
-    PASSES,
+    MAX_ITERATIONS,
     Outcome,
     combine,
     pose_surroundings,
@@ -45,14 +45,15 @@ from geomphys.driven.state import (
 )
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.driven.targets import clear_offsets, set_link_targets, store_offsets
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
 
-@outlined
+@noinline
 def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> bool:
     """Set the trees whose goals are free and reachable, put the others back and group them; whether there are any."""
     work, near = ws.work, ws.near
@@ -90,7 +91,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
     return some
 
 
-@outlined
+@noinline
 def update_driven(
     scene: Scene,
     state: DrivenState,
@@ -136,8 +137,7 @@ def update_driven(
         for tree in range(len(scene.trees.role)):
             if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                    for k in range(7):
-                        work.before.poses[body, k] = recorded[body, k]
+                    copy_pose(recorded, body, work.before.poses, body)
     pose_surroundings(scene, state, ws, recorded, 1.0)
     set_goals(scene, state, ws, roots, angles)
     find_grips(scene, state, ws, recorded)
@@ -164,7 +164,7 @@ def update_driven(
         shape_changed = shape_changed or (
             state.general_motion[tree] == 1 and state.prescription[tree] == 0 and is_rigid(scene, tree)
         )
-    return Outcome(done.passes, done.fallbacks, done.converged, shape_changed)
+    return Outcome(done.iterations, done.fallbacks, done.converged, shape_changed)
 
 
 @kernel
@@ -173,8 +173,7 @@ def _finish(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> None:
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                for k in range(7):
-                    state.last.poses[body, k] = ws.work.iterate.poses[body, k]
+                copy_pose(ws.work.iterate.poses, body, state.last.poses, body)
 
 
 @kernel
@@ -191,21 +190,21 @@ def _start_at_present(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tre
         set_pose(work.target, body, link_centre(ws, state.last.poses, body), q)
 
 
-@outlined
+@noinline
 def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, gap: float) -> int:
-    """Move driven trees out of what has moved into them since `update_driven`, by the least motion; returns the passes.
+    """Move driven trees out of what has moved into them since `update_driven`, by the least motion; returns the iterations.
 
     `recorded` (B, 7): present poses of bodies that are not driven, recorded poses of those that are.
     """
-    work, passes = ws.work, 0
+    work, iterations = ws.work, 0
     pose_surroundings(scene, state, ws, recorded, 1.0)
     for mobility in (TRANSLATION, GENERAL_MOTION):  # a grip from several sides has to open its joints
         for tree in range(len(work.mobility)):
             _start_at_present(scene, state, ws, tree, mobility)
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
             break
-        found = search(scene, ws, state.recorded.angles, gap, PASSES, False, False, ANY_PATH)
-        passes += found.passes
+        found = search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, False, ANY_PATH)
+        iterations += found.iterations
         for tree in range(len(work.mobility)):
             if work.mobility[tree] != LOCKED:
                 set_final_posture(scene, state, ws, tree, work.best if found.free else state.last)
@@ -213,4 +212,4 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
             break
     _finish(scene, state, ws)
     store_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
-    return passes
+    return iterations

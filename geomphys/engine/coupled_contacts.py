@@ -1,4 +1,4 @@
-"""Contacts of the coupled solve: rows of the simulated loop's pairs, and limits of driven links and joints.
+"""Contacts of the coupled solve: contacts of the simulated loop's pairs, and inequalities of driven links and joints.
 
 A contact with a driven link has the effects of its tree's unknowns on the relative velocity, and the velocity by the
 recording alone, as the displacement of the link's point over the step: the prescribed velocity.
@@ -15,9 +15,9 @@ from geomphys.collision.detect import find_near
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.postures import world_axis
 from geomphys.engine.coupled_state import Coupled
-from geomphys.engine.coupled_unknowns import unknown_of_joint
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.coupled_unknowns import solves, unknown_of_joint
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import quat_of, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
@@ -35,14 +35,14 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, position_of
-from geomphys.simulated.contact_points import add_rows_within, fill_masses
+from geomphys.simulated.contact_points import add_contacts_within, fill_masses
 from geomphys.simulated.motion import orientation_at, point_at
 from geomphys.simulated.resting_contact import rotates_with
-from geomphys.simulated.state import Row, is_coupled, is_simulated
+from geomphys.simulated.state import Contact, is_coupled, is_simulated
 
 Floats = NDArray[np.float64]
 
-LIMIT_NEAR = 0.1  # rad or m: limits of joints farther away are ignored
+JOINT_LIMIT_NEAR = 0.1  # rad or m: limits of joints farther away are ignored
 
 
 @kernel
@@ -51,15 +51,15 @@ def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) ->
     solve = c.solve
     for e in range(first, solve.effects):
         if c.effects[e].unknown == unknown:
-            c.effects[e].speed[axis] += speed
+            c.effects[e].jacobian[axis] += speed
             return
     if solve.effects == len(c.effects):
         solve.lost += 1
         return
     effect = c.effects[solve.effects]
     effect.unknown = unknown
-    set_vec(effect.speed, (0.0, 0.0, 0.0))
-    effect.speed[axis] = speed
+    set_vec(effect.jacobian, (0.0, 0.0, 0.0))
+    effect.jacobian[axis] = speed
     solve.effects += 1
 
 
@@ -86,34 +86,33 @@ def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axi
 @kernel
 def is_solved(scene: Scene, c: Coupled, body: int) -> bool:
     """Whether a body is a link of a driven tree that takes part in the solve."""
-    tree = scene.bodies.tree[body]
-    return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
+    return solves(scene, c, scene.bodies.tree[body])
 
 
 @kernel
-def displacement(scene: Scene, m: Machine, body: int, point: Vec, t: float, h: float) -> Vec:
+def displacement(scene: Scene, data: ReplayData, body: int, point: Vec, t: float, h: float) -> Vec:
     """Displacement by the recording alone of a point of a body that is not simulated, in a step [m].
 
     `t` is the time of the substep at which the step of `h` seconds begins.
     """
-    c = m.coupled
+    c = data.coupled
     if is_solved(scene, c, body):
         inside = quat_rotate(
             quat_conjugate(orientation_of(c.now.poses, body)), sub(point, position_of(c.now.poses, body))
         )
         there = add(position_of(c.after.poses, body), quat_rotate(orientation_of(c.after.poses, body), inside))
         return sub(there, point)
-    if m.simulated.bodies[body].moves == 0:
+    if data.simulated.bodies[body].moves == 0:
         return (0.0, 0.0, 0.0)
-    path = m.simulated.motion[body]
+    path = data.simulated.motion[body]
     inside = quat_rotate(quat_conjugate(orientation_at(path, t)), sub(point, point_at(path, t)))
     return sub(add(point_at(path, t + h), quat_rotate(orientation_at(path, t + h), inside)), point)
 
 
 @kernel
-def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
-    """Set the fields of a row for a driven or moving body b."""
-    c, sim = m.coupled, m.simulated
+def complete_contact(scene: Scene, data: ReplayData, r: Contact, t: float, h: float) -> None:
+    """Set the fields of a contact for a driven or moving body b."""
+    c, sim = data.coupled, data.simulated
     point = add(vec_of(r.arm_a), vec_of(sim.motion[r.a].position))
     set_vec(r.point, point)
     r.first_effect = c.solve.effects
@@ -121,7 +120,7 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
     debt = vec_of(sim.slots[r.pair, r.slot].slip_debt)
     set_vec(r.slip_debt, quat_rotate(quat_of(sim.motion[r.a].orientation), debt))
     if not is_simulated(sim, r.b):
-        travel = displacement(scene, m, r.b, point, t, h)
+        travel = displacement(scene, data, r.b, point, t, h)
         axes = (vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal))
         for axis in range(3):
             n = axes[0] if axis == 0 else (axes[1] if axis == 1 else axes[2])
@@ -133,31 +132,31 @@ def complete_row(scene: Scene, m: Machine, r: Row, t: float, h: float) -> None:
     r.end_effect = c.solve.effects
 
 
-@outlined
-def find_rows(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
+@noinline
+def find_coupled_contacts(scene: Scene, data: ReplayData, t: float, h: float, margin: float) -> None:
     """Contacts of the simulated bodies of the group, at time `t` of the substep, for a step of `h` seconds."""
-    sim = m.simulated
-    m.coupled.solve.effects = m.coupled.solve.limits = 0
-    sim.counts.rows = 0
+    sim = data.simulated
+    data.coupled.solve.effects = data.coupled.solve.inequalities = 0
+    sim.counts.contacts = 0
     for k in range(sim.counts.pairs):
         p = sim.pairs[k]
         if not is_coupled(sim, p.body[0]):
             continue
-        add_rows_within(sim, k, t, margin)
-    for k in range(sim.counts.rows):
-        complete_row(scene, m, sim.rows[k], t, h)
+        add_contacts_within(sim, k, t, margin)
+    for k in range(sim.counts.contacts):
+        complete_contact(scene, data, sim.contacts[k], t, h)
 
 
-@outlined
-def find_limits(scene: Scene, m: Machine, t: float, h: float, margin: float) -> None:
+@noinline
+def find_inequalities(scene: Scene, data: ReplayData, t: float, h: float, margin: float) -> None:
     """Limits of driven trees that take part: contacts with bodies that are not simulated, and limits of their joints."""
-    c, p, near = m.coupled, m.workspace.piece_frames, m.workspace.near
+    c, p, near = data.coupled, data.workspace.piece_frames, data.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1:
             pose_pieces_of_tree(scene, tree, c.now.poses, p.frames)
-            update_boxes(scene, p.frames, m.detection.boxes, tree)
-            add_joint_limits(scene, m, tree, h)
-    find_near(scene, p.frames, m.without_simulated, margin, math.inf, near, m.detection)
+            update_boxes(scene, p.frames, data.detection.boxes, tree)
+            add_joint_limits(scene, data, tree, h)
+    find_near(scene, p.frames, data.without_simulated, margin, math.inf, near, data.detection)
     for k in range(near.counts.filled):
         a, b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
         if not (is_solved(scene, c, a) or is_solved(scene, c, b)):
@@ -168,29 +167,29 @@ def find_limits(scene: Scene, m: Machine, t: float, h: float, margin: float) -> 
             body = a if side == 0 else b
             point = vec_at(near.point_a, k) if side == 0 else vec_at(near.point_b, k)
             sign = 1.0 if side == 0 else -1.0
-            prescribed += sign * dot(displacement(scene, m, body, point, t, h), n) / h
+            prescribed += sign * dot(displacement(scene, data, body, point, t, h), n) / h
             if is_solved(scene, c, body):
                 add_effects(scene, c, first, body, point, 0, scale(n, sign))
-        add_limit(c, first, clearance, prescribed)
+        add_inequality(c, first, clearance, prescribed)
 
 
 @kernel
-def add_limit(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
+def add_inequality(c: Coupled, first: int, clearance: float, prescribed: float) -> None:
     """Append a limit whose effects are those from number `first` on."""
     solve = c.solve
-    if solve.limits == len(c.limits):
+    if solve.inequalities == len(c.inequalities):
         solve.lost += 1
         return
-    g = c.limits[solve.limits]
-    solve.limits += 1
+    g = c.inequalities[solve.inequalities]
+    solve.inequalities += 1
     g.first_effect, g.end_effect = first, solve.effects
     g.clearance, g.prescribed, g.impulse = clearance, prescribed, 0.0
 
 
 @kernel
-def add_joint_limits(scene: Scene, m: Machine, tree: int, h: float) -> None:
+def add_joint_limits(scene: Scene, data: ReplayData, tree: int, h: float) -> None:
     """Near limits of the joints of a tree; widened to the recorded values."""
-    c = m.coupled
+    c = data.coupled
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         k = unknown_of_joint(scene, q)
         if c.unknowns[k].mass == 0.0:
@@ -201,16 +200,16 @@ def add_joint_limits(scene: Scene, m: Machine, tree: int, h: float) -> None:
         for side in range(2):
             sign = 1.0 if side == 0 else -1.0
             clearance = angle - low if side == 0 else high - angle
-            if clearance < LIMIT_NEAR:
+            if clearance < JOINT_LIMIT_NEAR:
                 first = c.solve.effects
                 add_effect(c, first, k, 0, sign)
-                add_limit(c, first, clearance, sign * change / h)
+                add_inequality(c, first, clearance, sign * change / h)
 
 
 @kernel
-def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Quat:
+def half_rotation(scene: Scene, data: ReplayData, body: int, t: float, h: float) -> Quat:
     """Rotation of a body over the first half of a step of `h` seconds that begins at time `t` of the substep."""
-    sim, c = m.simulated, m.coupled
+    sim, c = data.simulated, data.coupled
     if is_simulated(sim, body):
         return quat_from_rotation_vector(scale(vec_of(sim.motion[body].angular_velocity), 0.5 * h))
     if is_solved(scene, c, body):
@@ -222,17 +221,17 @@ def half_rotation(scene: Scene, m: Machine, body: int, t: float, h: float) -> Qu
     return quat_from_rotation_vector(scale(rotation_vector(quat_mul(after, quat_conjugate(before))), 0.5))
 
 
-@outlined
-def rotate_arms(scene: Scene, m: Machine, t: float, h: float) -> None:
+@noinline
+def rotate_arms(scene: Scene, data: ReplayData, t: float, h: float) -> None:
     """Set the arms of simulated bodies to those in the middle of the step, relative to their support.
 
-    A body that rotates with body b of a row keeps its distance from the axis then: otherwise a turntable would throw its
+    A body that rotates with body b of a contact keeps its distance from the axis then: otherwise a turntable would throw its
     load outwards by ω² r h. The arm of a ball that rolls on b does not change.
     """
-    sim = m.simulated
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
-        half = half_rotation(scene, m, r.b, t, h)
+    sim = data.simulated
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
+        half = half_rotation(scene, data, r.b, t, h)
         omega = scale(rotation_vector(half), 2.0 / h)
         if not rotates_with(vec_of(sim.motion[r.a].angular_velocity), omega):
             half = (0.0, 0.0, 0.0, 1.0)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from geomphys.engine.coupled_state import Coupled
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.simulated.state import AWAKE, COUPLED, IN_OTHER_GROUP, Simulation
 
@@ -12,9 +12,9 @@ NEAR_TREES = 0.02  # m: driven trees that come no nearer are not solved together
 
 
 @kernel
-def may_press(m: Machine, k: int) -> bool:
+def may_press(data: ReplayData, k: int) -> bool:
     """Whether pair k of the simulated loop is of an awake body and a driven link."""
-    sim = m.simulated
+    sim = data.simulated
     a, b = sim.pairs[k].body[0], sim.pairs[k].body[1]
     return bool(sim.bodies[b].role == DRIVEN and sim.bodies[a].activation == AWAKE)
 
@@ -26,7 +26,7 @@ def island_tree(sim: Simulation, body: int) -> int:
 
 
 @kernel
-def unite(c: Coupled, a: int, b: int) -> bool:
+def merge_labels(c: Coupled, a: int, b: int) -> bool:
     """Merge the labels of two trees; whether they differed."""
     x, y = c.trees[a].group, c.trees[b].group
     if x == y:
@@ -48,27 +48,27 @@ def are_near(scene: Scene, sim: Simulation, tree: int, other: int) -> bool:
     return False
 
 
-@outlined
-def label_groups(scene: Scene, m: Machine) -> bool:
+@noinline
+def label_groups(scene: Scene, data: ReplayData) -> bool:
     """Label driven trees and islands that may touch, directly or through others, to be solved together; whether there are any.
 
     A group has steps, margins and sweeps of its own, so that it does not depend on other groups. Its bodies count as not
     awake for the simulated loop.
     """
-    sim, c, some = m.simulated, m.coupled, False
+    sim, c, some = data.simulated, data.coupled, False
     for tree in range(len(c.trees)):
         c.trees[tree].group = -1
     for k in range(sim.counts.pairs):
-        if may_press(m, k):
+        if may_press(data, k):
             a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
             c.trees[a].group, c.trees[b].group, some = a, b, True
     changed = some
     while changed:
         changed = False
         for k in range(sim.counts.pairs):
-            if may_press(m, k):
+            if may_press(data, k):
                 a, b = island_tree(sim, sim.pairs[k].body[0]), sim.bodies[sim.pairs[k].body[1]].tree
-                changed = unite(c, a, b) or changed
+                changed = merge_labels(c, a, b) or changed
         for tree in range(len(c.trees)):
             for other in range(tree):
                 apart_yet = (
@@ -76,7 +76,7 @@ def label_groups(scene: Scene, m: Machine) -> bool:
                 )
                 driven = scene.trees.role[tree] == DRIVEN and scene.trees.role[other] == DRIVEN
                 if driven and apart_yet and are_near(scene, sim, tree, other):
-                    changed = unite(c, tree, other) or changed
+                    changed = merge_labels(c, tree, other) or changed
     for s in range(len(sim.free)):
         body = sim.bodies[sim.free[s]]
         if some and body.activation == AWAKE and c.trees[island_tree(sim, sim.free[s])].group >= 0:
@@ -88,9 +88,9 @@ def label_groups(scene: Scene, m: Machine) -> bool:
 
 
 @kernel
-def take_group(scene: Scene, m: Machine, group: int) -> None:
+def activate_group(scene: Scene, data: ReplayData, group: int) -> None:
     """Let the trees and bodies of a group take part in the solve, and no others; group -1: those of all groups."""
-    sim, c = m.simulated, m.coupled
+    sim, c = data.simulated, data.coupled
     for tree in range(len(c.trees)):
         label = c.trees[tree].group
         on = scene.trees.role[tree] == DRIVEN and label >= 0 and (group < 0 or label == group)

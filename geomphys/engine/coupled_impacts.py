@@ -6,25 +6,25 @@ import math
 
 from geomphys.engine.coupled_solve import (
     IMPACT_PRECISION,
-    MOST_SWEEPS,
+    MAX_SWEEPS,
     add_responses,
     relative_velocity,
-    set_limit_response,
+    set_inequality_response,
     solve_contacts,
 )
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import begin_impact, end_impact, end_unknown, first_unknown, solves
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec_from, vec_of
 from geomphys.numerics.vec3 import dot
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.simulated.contact_points import clear_impulse, fill_masses
 from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.motion import refresh
-from geomphys.simulated.state import Row, Simulation, is_coupled, is_simulated
+from geomphys.simulated.state import ACTIVE, IMPACTING, INACTIVE, Contact, Simulation, is_coupled, is_simulated
 
-LEAST_SPLIT = 1e-5  # s
+MIN_SPLIT = 1e-5  # s
 LEFT_OUT = -1e3  # m/s: target of a contact that does not act
 
 
@@ -39,28 +39,28 @@ def load_coupled(sim: Simulation) -> None:
 
 
 @kernel
-def was_touching(sim: Simulation, r: Row) -> bool:
-    """Whether the pair of a row was in contact in the step before."""
+def was_touching(sim: Simulation, r: Contact) -> bool:
+    """Whether the pair of a contact was in contact in the step before."""
     return bool(sim.pairs[r.pair].touching == 1)
 
 
-@outlined
-def resolve_impacts(scene: Scene, m: Machine) -> int:
+@noinline
+def resolve_impacts(scene: Scene, data: ReplayData) -> int:
     """Impulses at contacts that touch and approach faster than the threshold, with restitution if new.
 
     They are solved together and count as one impact: returns 1, or 0 where there are none.
     """
-    sim, c = m.simulated, m.coupled
+    sim, c = data.simulated, data.coupled
     load_coupled(sim)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             begin_impact(c, 3 * tree, 3 * tree + 3)
             begin_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
     threshold, any_hit = sim.frame.restitution_threshold, False
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         touches = r.clearance <= sim.frame.touch
-        r.mode = 1 if touches else 0
+        r.mode = ACTIVE if touches else INACTIVE
         r.target_speed = 0.0
         v = relative_velocity(sim, c, r)[0]
         if touches and v < -threshold:
@@ -69,24 +69,24 @@ def resolve_impacts(scene: Scene, m: Machine) -> int:
                 r.target_speed = -r.restitution * v
     if not any_hit:
         return 0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         clear_impulse(r)
         r.tangent_target[0] = r.tangent_target[1] = 0.0
         fill_masses(sim.motion[r.a], sim.motion[r.b], r)
         add_responses(sim, c, r)
-    for k in range(c.solve.limits):
-        g = c.limits[k]
-        set_limit_response(c, k)
+    for k in range(c.solve.inequalities):
+        g = c.inequalities[k]
+        set_inequality_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame.touch else LEFT_OUT
-    solve_contacts(sim, c, MOST_SWEEPS, IMPACT_PRECISION)
+    solve_contacts(sim, c, MAX_SWEEPS, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)
             end_impact(c, first_unknown(scene, tree), end_unknown(scene, tree))
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         if r.normal_impulse > 0.0 and sim.bodies[r.b].role == DRIVEN:
             c.trees[sim.bodies[r.b].tree].touched = 1
     commit(sim)
@@ -99,16 +99,16 @@ def resolve_impacts(scene: Scene, m: Machine) -> int:
 
 @kernel
 def next_impact(sim: Simulation, c: Coupled, h: float) -> float:
-    """Time until the first fast approaching contact touches, if within `h` seconds; else `h`. Marks them by `mode` 2."""
+    """Time until the first fast approaching contact touches, if within `h` seconds; else `h`. Marks them as IMPACTING."""
     soonest, gap = h, sim.frame.gap
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
-        r.mode = 1
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
+        r.mode = ACTIVE
         distance = r.clearance - gap
         if distance > 0.5 * sim.frame.touch:
             v = relative_velocity(sim, c, r)[0]
             if v < -sim.frame.restitution_threshold:
-                r.mode = 2
+                r.mode = IMPACTING
                 fall = 0.0 if is_simulated(sim, r.b) else dot(vec_of(r.normal), vec_of(sim.gravity))
                 soonest = min(soonest, 2.0 * distance / (-v + math.sqrt(max(0.0, v * v - 2.0 * fall * distance))))
-    return soonest if soonest > LEAST_SPLIT else h
+    return soonest if soonest > MIN_SPLIT else h

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.engine.coupled_contacts import find_limits, find_rows, rotate_arms
+from geomphys.engine.coupled_contacts import find_coupled_contacts, find_inequalities, rotate_arms
 from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
 from geomphys.engine.coupled_solve import (
     PRECISION,
@@ -19,10 +19,10 @@ from geomphys.engine.coupled_solve import (
     add_responses,
     apply,
     impulse_vector,
-    set_limit_response,
+    set_inequality_response,
     solve_contacts,
 )
-from geomphys.engine.coupled_squeeze import largest_squeeze, squeeze_harder
+from geomphys.engine.coupled_squeeze import add_squeeze, largest_squeeze
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import (
     begin_step,
@@ -33,8 +33,8 @@ from geomphys.engine.coupled_unknowns import (
     relax_rotation,
     solves,
 )
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import (
     add_vec,
     add_vec_from,
@@ -60,40 +60,41 @@ from geomphys.numerics.vec3 import (
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
 from geomphys.simulated.contact_points import clear_impulse
+from geomphys.simulated.contact_solver import local_impulse
 from geomphys.simulated.impulse_accumulation import give_velocity, impulse_of, note
 from geomphys.simulated.motion import move_base, orientation_at, plan, point_at, refresh
-from geomphys.simulated.settling import local_impulse
-from geomphys.simulated.state import Simulation, is_coupled, is_simulated
+from geomphys.simulated.state import ACTIVE, IMPACTING, INACTIVE, Simulation, is_coupled, is_simulated
+from geomphys.simulated.update import STEP, STEP_TOLERANCE
 
 Floats = NDArray[np.float64]
 
-STEP = 1.0 / 240.0  # s
 LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses on it is more, steps are half as long
-STEP_TOLERANCE = 0.01  # fraction by which a step may be longer
-MARGIN = 4e-3  # m: nearer contacts are rows
+MARGIN = 4e-3  # m: nearer contacts are solved
 MARGIN_STEPS = 1.5  # so are those nearer than this times the motion in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, unless that would be shorter than `FEWEST`
 FEWEST = 1.0 / 16.0  # of `STEP`: the shortest step
 SPLITS = 8  # splits of a step at times of impact
-CORRECTED = 0.2  # fraction of an overlap, or of slip, that is corrected in a step
+CORRECTION_FACTOR = 0.2  # fraction of an overlap, or of slip, that is corrected in a step
 FASTEST_CORRECTION = 0.5  # m/s
 STUCK = 0.9999  # of the friction available: beyond it a point slides
-LEAST_IMPEDANCE_SCALE = 0.02  # of a joint's K, m and R
+MIN_IMPEDANCE_SCALE = 0.02  # of a joint's K, m and R
 IMPEDANCE_SCALE_GAIN = 0.2  # fraction by which the impedance of a joint follows its goal in a step
 TOUCHED = 3.0  # gaps: a nearer pair counts as having been in contact
 
 
-@outlined
-def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
+@noinline
+def pose_driven_trees(
+    scene: Scene, data: ReplayData, roots: Floats, angles: Floats, t: float, h: float, dt: float
+) -> None:
     """Poses of driven trees at time `t` of the substep, and at `t + h` with the offsets at `t`; their motions there."""
-    c = m.coupled
+    c = data.coupled
     for tree in range(len(scene.trees.role)):
         if not solves(scene, c, tree):
             continue
-        pose_driven(scene, m, tree, roots, angles, t / dt, c.now)
-        pose_driven(scene, m, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
+        pose_driven(scene, data, tree, roots, angles, t / dt, c.now)
+        pose_driven(scene, data, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            k = m.simulated.motion[body]
+            k = data.simulated.motion[body]
             k.base_time = t
             set_vec(k.position, position_of(c.now.poses, body))
             set_quat(k.orientation, orientation_of(c.now.poses, body))
@@ -104,9 +105,9 @@ def pose_driven_trees(scene: Scene, m: Machine, roots: Floats, angles: Floats, t
 
 
 @kernel
-def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
+def fastest_motion(scene: Scene, data: ReplayData, h: float) -> float:
     """Bound on the motion of any body of the group in a step of `h` seconds [m]."""
-    sim, c, fastest, driven = m.simulated, m.coupled, 0.0, 0.0
+    sim, c, fastest, driven = data.simulated, data.coupled, 0.0, 0.0
     for s in range(len(sim.free)):
         body = sim.free[s]
         if is_coupled(sim, body):
@@ -122,29 +123,29 @@ def fastest_motion(scene: Scene, m: Machine, h: float) -> float:
 
 @kernel
 def set_targets(sim: Simulation, c: Coupled, h: float, to_impact: bool) -> None:
-    """Set the targets of rows and limits over a step of `h` seconds; if it ends at an impact, fast ones may approach."""
+    """Set the targets of contacts and inequalities over a step of `h` seconds; if that ends at an impact, fast ones approach."""
     gap = sim.frame.gap
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         distance = r.clearance - gap
-        r.mode = 0 if to_impact and r.mode == 2 else 1
-        r.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
+        r.mode = INACTIVE if to_impact and r.mode == IMPACTING else ACTIVE
+        r.target_speed = -distance / h if distance > 0.0 else min(-CORRECTION_FACTOR * distance / h, FASTEST_CORRECTION)
         debt = vec_of(r.slip_debt)
-        r.tangent_target[0] = -CORRECTED * dot(debt, vec_of(r.tangent)) / h
-        r.tangent_target[1] = -CORRECTED * dot(debt, vec_of(r.binormal)) / h
-    for k in range(c.solve.limits):
-        g = c.limits[k]
+        r.tangent_target[0] = -CORRECTION_FACTOR * dot(debt, vec_of(r.tangent)) / h
+        r.tangent_target[1] = -CORRECTION_FACTOR * dot(debt, vec_of(r.binormal)) / h
+    for k in range(c.solve.inequalities):
+        g = c.inequalities[k]
         distance = g.clearance - gap
-        g.target_speed = -distance / h if distance > 0.0 else min(-CORRECTED * distance / h, FASTEST_CORRECTION)
+        g.target_speed = -distance / h if distance > 0.0 else min(-CORRECTION_FACTOR * distance / h, FASTEST_CORRECTION)
 
 
 @kernel
 def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
-    """Warm start: impulses of rows from their points' forces of the step before, over `h` seconds."""
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    """Warm start: impulses of contacts from their points' forces of the step before, over `h` seconds."""
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         clear_impulse(r)
-        if r.mode == 0:
+        if r.mode == INACTIVE:
             continue
         slot = sim.slots[r.pair, r.slot]
         f = vec_of(slot.friction_force)
@@ -154,7 +155,7 @@ def begin_with_forces(sim: Simulation, c: Coupled, h: float) -> None:
             apply(sim, c, r, local_impulse(r))
 
 
-@outlined
+@noinline
 def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
     """Set the joints behind a pressed contact to yield by K together: k_j = s K lever_j², 1/K = sum over them of arm_j²/k_j.
 
@@ -164,55 +165,55 @@ def fit_stiffness(scene: Scene, sim: Simulation, c: Coupled) -> None:
     first = 3 * len(scene.trees.role)
     for k in range(first, len(c.unknowns)):
         c.unknowns[k].moments = c.unknowns[k].yielding = 0.0
-    for i in range(sim.counts.rows):
-        r = sim.rows[i]
+    for i in range(sim.counts.contacts):
+        r = sim.contacts[i]
         force, yielding = sim.slots[r.pair, r.slot].normal_force, 0.0
         if force == 0.0:
             continue
         for e in range(r.first_effect, r.end_effect):
             if c.effects[e].unknown >= first:
-                yielding += (c.effects[e].speed[0] / c.unknowns[c.effects[e].unknown].arm) ** 2
+                yielding += (c.effects[e].jacobian[0] / c.unknowns[c.effects[e].unknown].lever) ** 2
         for e in range(r.first_effect, r.end_effect):
             x = c.unknowns[c.effects[e].unknown]
-            x.moments += force * abs(c.effects[e].speed[0])
-            x.yielding += force * abs(c.effects[e].speed[0]) * yielding
+            x.moments += force * abs(c.effects[e].jacobian[0])
+            x.yielding += force * abs(c.effects[e].jacobian[0]) * yielding
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             for k in range(first_unknown(scene, tree), end_unknown(scene, tree)):
                 x = c.unknowns[k]
-                goal = max(LEAST_IMPEDANCE_SCALE, x.yielding / x.moments) if x.moments > 0.0 else 1.0
+                goal = max(MIN_IMPEDANCE_SCALE, x.yielding / x.moments) if x.moments > 0.0 else 1.0
                 x.impedance_scale += IMPEDANCE_SCALE_GAIN * (goal - x.impedance_scale)
 
 
-@outlined
-def solve_step(scene: Scene, m: Machine, t: float, h: float, to_impact: bool) -> None:
-    """The coupled solve over a step of `h` seconds from time `t` of the substep: velocities at its end, impulses in the rows."""
-    sim, c = m.simulated, m.coupled
+@noinline
+def solve_step(scene: Scene, data: ReplayData, t: float, h: float, to_impact: bool) -> None:
+    """The coupled solve over a step of `h` seconds from time `t` of the substep: velocities at its end, and impulses."""
+    sim, c = data.simulated, data.coupled
     fit_stiffness(scene, sim, c)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             begin_step(c, 3 * tree, 3 * tree + 3, h)
             begin_step(c, first_unknown(scene, tree), end_unknown(scene, tree), h)
-    squeeze_harder(scene, sim, c, h)
+    add_squeeze(scene, sim, c, h)
     load_coupled(sim)
     for s in range(len(sim.free)):
         if is_coupled(sim, sim.free[s]):
             add_vec_from(sim.velocity[sim.free[s]], 0, vec_of(sim.gravity), h)
-    rotate_arms(scene, m, t, h)
-    for k in range(sim.counts.rows):
-        add_responses(sim, c, sim.rows[k])
-    for k in range(c.solve.limits):
-        set_limit_response(c, k)
-        c.limits[k].impulse = 0.0
+    rotate_arms(scene, data, t, h)
+    for k in range(sim.counts.contacts):
+        add_responses(sim, c, sim.contacts[k])
+    for k in range(c.solve.inequalities):
+        set_inequality_response(c, k)
+        c.inequalities[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
     begin_with_forces(sim, c, h)
     solve_contacts(sim, c, SWEEPS, PRECISION)
 
 
-@outlined
-def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None:
+@noinline
+def move_bodies(scene: Scene, data: ReplayData, t: float, h: float, dt: float) -> None:
     """Motions of a step from the solved impulses: of simulated bodies, then of driven trees."""
-    sim, c = m.simulated, m.coupled
+    sim, c = data.simulated, data.coupled
     for s in range(len(sim.free)):
         body = sim.free[s]
         if is_coupled(sim, body):
@@ -223,20 +224,20 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
             set_vec(k.torque, (0.0, 0.0, 0.0))
     for tree in range(len(scene.trees.role)):
         c.trees[tree].pressed = 0 if solves(scene, c, tree) else c.trees[tree].pressed
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         if r.normal_impulse == 0.0:
             continue
         # a body in contact moves with its velocity at the end of the step
         for side in range(2):
             body = r.a if side == 0 else r.b
             if is_simulated(sim, body):
-                fall_at_once(sim, body, h)
+                apply_gravity_at_once(sim, body, h)
         if sim.bodies[r.b].role == DRIVEN:
             tree = sim.bodies[r.b].tree
             c.trees[tree].pressed = c.trees[tree].touched = 1
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         j = impulse_of(r)
         slot = sim.slots[r.pair, r.slot]
         friction = impulse_vector(r)
@@ -259,7 +260,7 @@ def move_bodies(scene: Scene, m: Machine, t: float, h: float, dt: float) -> None
 
 
 @kernel
-def fall_at_once(sim: Simulation, body: int, h: float) -> None:
+def apply_gravity_at_once(sim: Simulation, body: int, h: float) -> None:
     """Apply gravity to the velocity of a body before a step instead of during it, once."""
     k = sim.motion[body]
     a = vec_of(k.acceleration)
@@ -286,15 +287,15 @@ def attached_point(sim: Simulation, c: Coupled, body: int, point: Vec, t: float,
     return add(point_at(k, t + h), quat_rotate(orientation_at(k, t + h), inside))
 
 
-@outlined
-def note_slip(m: Machine, t: float, h: float) -> None:
+@noinline
+def store_slip(data: ReplayData, t: float, h: float) -> None:
     """Store the drift of sticking points, for the next step to correct; zero for sliding ones."""
-    sim, c = m.simulated, m.coupled
+    sim, c = data.simulated, data.coupled
     for k in range(sim.counts.pairs):
         if is_coupled(sim, sim.pairs[k].body[0]):
             sim.pairs[k].touching = 0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         slot = sim.slots[r.pair, r.slot]
         p, x, y = local_impulse(r)
         debt = (0.0, 0.0, 0.0)
@@ -310,9 +311,9 @@ def note_slip(m: Machine, t: float, h: float) -> None:
 
 
 @kernel
-def longest_step(scene: Scene, m: Machine) -> float:
+def longest_step(scene: Scene, data: ReplayData) -> float:
     """Longest step [s]: half as long where a driven tree, with its coupling, is much heavier than the body it presses."""
-    sim, c, lightest, fastest = m.simulated, m.coupled, math.inf, 0.0
+    sim, c, lightest, fastest = data.simulated, data.coupled, math.inf, 0.0
     for s in range(len(sim.free)):
         k = sim.motion[sim.free[s]]
         if is_coupled(sim, sim.free[s]):
@@ -325,32 +326,32 @@ def longest_step(scene: Scene, m: Machine) -> float:
     return h
 
 
-@outlined
-def advance_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> int:
+@noinline
+def advance_together(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float) -> int:
     """Move the group through a substep of `dt` seconds, to the recorded `roots` and `angles`; returns the number of impacts."""
-    count = max(1, math.ceil(dt / longest_step(scene, m) - STEP_TOLERANCE))
+    count = max(1, math.ceil(dt / longest_step(scene, data) - STEP_TOLERANCE))
     impacts = 0
     for step in range(count):
         t, end = dt * step / count, dt * (step + 1) / count
         splits = 0
         while t < end:
             h = end - t
-            pose_driven_trees(scene, m, roots, angles, t, h, dt)
-            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, m, h), largest_squeeze(scene, m.coupled))
-            find_rows(scene, m, t, h, margin)
-            find_limits(scene, m, t, h, margin)
-            impacts += resolve_impacts(scene, m)
-            first = next_impact(m.simulated, m.coupled, h) if splits < SPLITS else h
+            pose_driven_trees(scene, data, roots, angles, t, h, dt)
+            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, data, h), largest_squeeze(scene, data.coupled))
+            find_coupled_contacts(scene, data, t, h, margin)
+            find_inequalities(scene, data, t, h, margin)
+            impacts += resolve_impacts(scene, data)
+            first = next_impact(data.simulated, data.coupled, h) if splits < SPLITS else h
             splits += 1 if first < h else 0
-            solve_step(scene, m, t, first, first < h)
-            move_bodies(scene, m, t, first, dt)
+            solve_step(scene, data, t, first, first < h)
+            move_bodies(scene, data, t, first, dt)
             for tree in range(len(scene.trees.role)):
-                if solves(scene, m.coupled, tree):
-                    pose_driven(scene, m, tree, roots, angles, min(1.0, (t + first) / dt), m.coupled.after)
-            note_slip(m, t, first)
+                if solves(scene, data.coupled, tree):
+                    pose_driven(scene, data, tree, roots, angles, min(1.0, (t + first) / dt), data.coupled.after)
+            store_slip(data, t, first)
             t = end if first == h else t + first
     for tree in range(len(scene.trees.role)):
-        if solves(scene, m.coupled, tree):
-            relax_rotation(scene, m.coupled, tree, dt)
-            pose_driven(scene, m, tree, roots, angles, 1.0, m.coupled.after)
+        if solves(scene, data.coupled, tree):
+            relax_rotation(scene, data.coupled, tree, dt)
+            pose_driven(scene, data, tree, roots, angles, 1.0, data.coupled.after)
     return impacts

@@ -13,10 +13,10 @@ from geomphys.simulated.state import Simulation
 
 @kernel
 def nearest_clearance(sim: Simulation, a: int, b: int) -> float:
-    """Clearance of the nearest row of two bodies [m]; inf: they have none."""
+    """Clearance of the nearest contact of two bodies [m]; inf: they have none."""
     nearest = math.inf
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         if r.a == a and r.b == b:
             nearest = min(nearest, r.clearance)
     return nearest
@@ -24,25 +24,25 @@ def nearest_clearance(sim: Simulation, a: int, b: int) -> float:
 
 @kernel
 def points_within(sim: Simulation, a: int, b: int, clearance: float) -> int:
-    """Number of rows of two bodies that are no farther apart than a clearance [m]."""
+    """Number of contacts of two bodies that are no farther apart than a clearance [m]."""
     count = 0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         if r.a == a and r.b == b and r.clearance <= clearance:
             count += 1
     return count
 
 
 @kernel
-def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
+def add_squeeze(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
     """Let driven links press what they touch by K times `squeeze` more, with their joints, or the root of a tree without any.
 
     As if they were recorded that much deeper: a link that is a clearance short of touching is drawn by K times what `squeeze`
     is more than that, which counts where another link of its tree is pressed. The force of a link is distributed over its
     nearest points.
     """
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         tree = sim.bodies[r.b].tree
         if sim.bodies[r.b].role != DRIVEN or scene.trees.squeeze[tree] == 0.0:
             continue
@@ -59,7 +59,7 @@ def squeeze_harder(scene: Scene, sim: Simulation, c: Coupled, h: float) -> None:
             effect = c.effects[e]
             if joints == (effect.unknown >= 3 * len(scene.trees.role)):
                 x = c.unknowns[effect.unknown]
-                x.solved -= effect.speed[0] * x.inverse_mass * h * force
+                x.new_rate -= effect.jacobian[0] * x.inverse_mass * h * force
 
 
 @kernel

@@ -20,25 +20,25 @@ FLOAT, INT = np.float64, np.int64
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
-Limit: TypeAlias = Any  # a record of `LIMIT`
+Limit: TypeAlias = Any  # a record of `INEQUALITY`
 
-MOST_EFFECTS = 1 << 15
-MOST_LIMITS = 1 << 11
+MAX_EFFECTS = 1 << 15
+MAX_INEQUALITIES = 1 << 11
 
 UNKNOWN = np.dtype(
     [
         ("offset", FLOAT),  # m or rad: x, from the recorded value
         ("loaded_offset", FLOAT),  # rad or m: of a joint, at the start of this substep
         ("rate", FLOAT),  # m/s or rad/s: v, of the offset
-        ("solved", FLOAT),  # u, the rate being solved for
+        ("new_rate", FLOAT),  # u, the rate being solved for
         ("recorded_rate", FLOAT),  # w, of the recording in this substep
         ("recorded_before", FLOAT),  # w of the substep before
         ("mass", FLOAT),  # kg or kg m²: m of (6), for a joint times its lever squared
         ("stiffness", FLOAT),  # N/m or N m/rad: K
         ("damping", FLOAT),  # N s/m or N m s/rad: R
         ("effort", FLOAT),  # N or N m: largest force of the spring
-        ("inverse_mass", FLOAT),  # change of `solved` by a unit impulse; 0: it follows the recording
-        ("arm", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
+        ("inverse_mass", FLOAT),  # change of `new_rate` by a unit impulse; 0: it follows the recording
+        ("lever", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
         ("impedance_scale", FLOAT),  # factor on K, m and R: such that the contact yields by K; 1: no contact
         ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it
         ("yielding", FLOAT),  # the same times K, each over the stiffness of all joints behind its contact
@@ -61,13 +61,13 @@ TREE = np.dtype(
 EFFECT = np.dtype(
     [
         ("unknown", INT),
-        ("speed", FLOAT, 3),  # relative velocity along normal, tangent and binormal per unit rate
+        ("jacobian", FLOAT, 3),  # relative velocity along normal, tangent and binormal per unit rate
         ("response", FLOAT, 3),  # rate per unit impulse along them
     ]
 )
 """Effect of an unknown on a contact, and of the contact on it."""
 
-LIMIT = np.dtype(
+INEQUALITY = np.dtype(
     [
         ("first_effect", INT),
         ("end_effect", INT),
@@ -76,7 +76,7 @@ LIMIT = np.dtype(
         ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
         ("target_speed", FLOAT),
         ("impulse", FLOAT),  # N s or N m s
-        ("swept", FLOAT),  # N s or N m s: impulse after the last two sweeps
+        ("previous_impulse", FLOAT),  # N s or N m s: impulse after the last two sweeps
         ("extrapolated", FLOAT),  # N s or N m s: impulse that these sweeps began with
         ("response", FLOAT),  # change of the rate of the clearance by a unit impulse
     ]
@@ -86,9 +86,9 @@ LIMIT = np.dtype(
 SOLVE = np.dtype(
     [
         ("effects", INT),
-        ("limits", INT),
-        ("lost", INT),  # effects and limits beyond the capacity of their table, which are left out
-        ("unsettled", INT),  # steps and impacts of this substep that ended at the bound on sweeps
+        ("inequalities", INT),
+        ("lost", INT),  # effects and inequalities beyond the capacity of their table, which are left out
+        ("unconverged", INT),  # steps and impacts of this substep that ended at the bound on sweeps
         ("started", INT),  # 1: there was a substep before
         ("substep_duration", FLOAT),  # s: how long it was
         ("any_awake", INT),  # 1: some simulated body is awake in this substep
@@ -103,8 +103,8 @@ class Coupled(NamedTuple):
     unknowns: Records  # (3 T + Q,) UNKNOWN: of the roots, then of the joints
     trees: Records  # (T,) TREE
     solve: Record  # SOLVE
-    effects: Records  # EFFECT, of the simulated loop's rows and of the limits
-    limits: Records  # LIMIT
+    effects: Records  # EFFECT, of the simulated loop's contacts and of the inequalities
+    inequalities: Records  # INEQUALITY
     begin: Posture  # the recording at the start of the substep
     now: Posture  # driven trees, corrected
     after: Posture  # the same at the end of the step with their present offsets
@@ -115,9 +115,9 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     trees, dofs = len(scene.trees.role), len(scene.dofs.lower)
     unknowns = np.zeros(3 * trees + dofs, UNKNOWN)
     owner = np.concatenate([np.repeat(np.arange(trees), 3), scene.dofs.tree]).astype(np.int64)
-    unknowns["arm"] = np.concatenate([np.ones(3 * trees), links.lever])
+    unknowns["lever"] = np.concatenate([np.ones(3 * trees), links.lever])
     unknowns["impedance_scale"] = 1.0
-    arm = unknowns["arm"] * np.sqrt(np.concatenate([np.ones(3 * trees), branches(scene)]))
+    arm = unknowns["lever"] * np.sqrt(np.concatenate([np.ones(3 * trees), branches(scene)]))
     yields = np.concatenate([np.ones(3 * trees), links.is_unknown]) * np.isfinite(scene.trees.stiffness[owner])
     yields *= scene.trees.role[owner] == DRIVEN
     stiffness = np.where(np.isfinite(scene.trees.stiffness), scene.trees.stiffness, 0.0)
@@ -131,8 +131,8 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     records = np.zeros(trees, TREE)
     records["rotation_offset"][:, 3] = 1.0
     return Coupled(
-        unknowns, records, np.zeros((), SOLVE), np.zeros(MOST_EFFECTS if any_simulated else 1, EFFECT),
-        np.zeros(MOST_LIMITS if any_simulated else 1, LIMIT), make_posture(scene, poses), make_posture(scene, poses),
+        unknowns, records, np.zeros((), SOLVE), np.zeros(MAX_EFFECTS if any_simulated else 1, EFFECT),
+        np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip
 

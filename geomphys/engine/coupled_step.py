@@ -12,80 +12,78 @@ from geomphys.collision.sweep import bodies_apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import PRESCRIBED, WAS_PRESCRIBED
-from geomphys.engine.coupled_groups import label_groups, take_group
+from geomphys.engine.coupled_groups import activate_group, label_groups
 from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import separate_by_method
-from geomphys.engine.state import Machine, StepParameters
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
+from geomphys.engine.state import ReplayData, StepParameters
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 from geomphys.simulated.driven_paths import extrapolated, is_even
 from geomphys.simulated.overlap_clearing import clear_overlaps
 from geomphys.simulated.state import COUPLED
-from geomphys.simulated.update import begin_frame, end_frame
+from geomphys.simulated.update import STEP_TOLERANCE, begin_frame, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SUBSTEP = 1.0 / 240.0  # s: longest substep where driven and simulated bodies may touch
-STEP_TOLERANCE = 0.01  # fraction of a substep by which one may be longer: times of messages are rounded
 MAX_SUBSTEPS = 16  # substeps of a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not touch
-LEAST_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it
+MIN_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it
 
 
-@outlined
-def shift_driven(scene: Scene, m: Machine) -> None:
+@noinline
+def write_corrected_poses(scene: Scene, data: ReplayData) -> None:
     """Corrected poses: of driven trees those of the final posture, of others the recorded ones."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
-                m.corrected[body, k] = m.recorded[body, k]
+                data.corrected[body, k] = data.recorded[body, k]
                 if scene.trees.role[tree] == DRIVEN:
-                    m.corrected[body, k] = m.driven.last.poses[body, k]
+                    data.corrected[body, k] = data.driven.last.poses[body, k]
 
 
-@outlined
-def note_simulated(scene: Scene, m: Machine) -> None:
+@noinline
+def write_simulated_poses(scene: Scene, data: ReplayData) -> None:
     """Pass the poses of simulated bodies before and after the step to the driven loop."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
-            for k in range(7):
-                m.driven.last.poses[body, k] = m.corrected[body, k]
+            copy_pose(data.corrected, body, data.driven.last.poses, body)
 
 
-@outlined
-def recording_between(scene: Scene, m: Machine, roots: Floats, angles: Floats, w: float) -> None:
+@noinline
+def recording_between(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, w: float) -> None:
     """The recording interpolated between that of the last step (`w` = 0) and `roots` (T, 7) and `angles` (Q,).
 
-    Into `m.roots`, `m.angles` and, by forward kinematics, `m.recorded`.
+    Into `data.roots`, `data.angles` and, by forward kinematics, `data.recorded`.
     """
-    last = m.driven.recorded
+    last = data.driven.recorded
     for i in range(len(angles)):
-        m.angles[i] = last.angles[i] + w * (angles[i] - last.angles[i])
+        data.angles[i] = last.angles[i] + w * (angles[i] - last.angles[i])
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
         q = slerp(orientation_of(last.roots, tree), orientation_of(roots, tree), w)
         p0, p1 = position_of(last.roots, tree), position_of(roots, tree)
-        set_pose(m.roots, tree, add_scaled(p0, sub(p1, p0), w), q)
-        pose_tree(scene, m.workspace.origins, tree, m.roots, m.angles, m.recorded)
+        set_pose(data.roots, tree, add_scaled(p0, sub(p1, p0), w), q)
+        pose_tree(scene, data.workspace.origins, tree, data.roots, data.angles, data.recorded)
 
 
-@outlined
-def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first: bool) -> None:
+@noinline
+def fit_recorded_paths(scene: Scene, data: ReplayData, roots: Floats, dt: float, first: bool) -> None:
     """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of kinematic bodies."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        c = m.recorded_path[tree]
+        c = data.recorded_path[tree]
         position, change = position_of(roots, tree), (0.0, 0.0, 0.0)
         velocity = (0.0, 0.0, 0.0)
         if not first and dt > 0.0:
@@ -99,8 +97,8 @@ def fit_recorded_paths(scene: Scene, m: Machine, roots: Floats, dt: float, first
         c.duration = 0.0 if first else dt
 
 
-@outlined
-def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> None:
+@noinline
+def curve_path(scene: Scene, data: ReplayData, dt: float, part: int, parts: int) -> None:
     """Move the end of a substep onto the parabolas of `fit_recorded_paths`, from straight lines.
 
     Of a parabola p + v u + a u (u - dt) / 2, divided evenly, that is by a dt² (parts - part - 1) / (2 parts²).
@@ -110,35 +108,35 @@ def curve_path(scene: Scene, m: Machine, dt: float, part: int, parts: int) -> No
         if not is_recorded(scene, tree):
             continue
         for i in range(3):
-            deviation = factor * m.recorded_path[tree].acceleration[i]
+            deviation = factor * data.recorded_path[tree].acceleration[i]
             if deviation != 0.0:
-                m.roots[tree, i] += deviation
+                data.roots[tree, i] += deviation
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                    m.recorded[body, i] += deviation
+                    data.recorded[body, i] += deviation
 
 
 @kernel
-def pose_simulated(scene: Scene, m: Machine, tree: int, poses: Floats) -> None:
+def pose_simulated(scene: Scene, data: ReplayData, tree: int, poses: Floats) -> None:
     """Pieces and boxes of a simulated tree at its row of `poses` (B, 7)."""
-    p = m.workspace.piece_frames
+    p = data.workspace.piece_frames
     for frames in (p.base, p.frames, p.moved):
         pose_pieces_of_tree(scene, tree, poses, frames)
-    update_boxes(scene, p.base, m.detection.boxes, tree)
+    update_boxes(scene, p.base, data.detection.boxes, tree)
 
 
 @kernel
-def recorded_motion(scene: Scene, m: Machine, tree: int) -> float:
+def recorded_motion(scene: Scene, data: ReplayData, tree: int) -> float:
     """Largest motion of the bodies of a driven tree by the recording in this frame [m]."""
     most = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        path = sub(position_of(m.recorded, body), position_of(m.start, body))
-        off = vec_at(m.driven.offset, tree)
+        path = sub(position_of(data.recorded, body), position_of(data.start, body))
+        off = vec_at(data.driven.offset, tree)
         most = max(most, norm(add(path, off)))
     return most
 
 
-@outlined
-def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
+@noinline
+def substeps_of(scene: Scene, data: ReplayData, dt: float) -> int:
     """Number of substeps of a frame for driven and simulated bodies.
 
     A driven body stops for the rest of its substep once a simulated one obstructs it, however fast that is moved away. Where
@@ -150,86 +148,88 @@ def substeps_of(scene: Scene, m: Machine, dt: float) -> int:
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
-        moved = recorded_motion(scene, m, tree)
-        off = vec_at(m.driven.offset, tree)
+        moved = recorded_motion(scene, data, tree)
+        off = vec_at(data.driven.offset, tree)
         for other in range(len(scene.trees.role)):
             if scene.trees.role[other] != SIMULATED:
                 continue
             body = scene.trees.body_start[other]
-            speed = norm(vec_at(m.velocity, body))
+            speed = norm(vec_at(data.velocity, body))
             reach = moved + dt * speed + norm(off) + NEAR
             for link in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                if not bodies_apart(m.detection.boxes, link, body, reach):
+                if not bodies_apart(data.detection.boxes, link, body, reach):
                     return min(most, MAX_SUBSTEPS)
     return 1
 
 
 @kernel
-def is_pressed(scene: Scene, m: Machine) -> bool:
+def is_pressed(scene: Scene, data: ReplayData) -> bool:
     """Whether some driven tree was pressed or hit by a simulated body in the last substep."""
     for tree in range(len(scene.trees.role)):  # noqa: SIM110 - a kernel cannot take a generator
-        if m.coupled.trees[tree].touched == 1:
+        if data.coupled.trees[tree].touched == 1:
             return True
     return False
 
 
 @kernel
-def relax_for_now(c: Coupled, first: int, last: int, dt: float) -> None:
-    """Relax the offsets of unknowns `first` to `last` by (6), temporarily: until `take_back`."""
+def relax_temporarily(c: Coupled, first: int, last: int, dt: float) -> None:
+    """Relax the offsets of unknowns `first` to `last` by (6), temporarily: until `restore_offsets`."""
     for k in range(first, last):
         x = c.unknowns[k]
-        x.solved = x.offset
+        x.new_rate = x.offset
         if x.mass > 0.0:
             x.offset = relax(x.offset, x.rate, x.mass, x.stiffness, x.damping, dt)[0]
 
 
 @kernel
-def take_back(c: Coupled, first: int, last: int) -> None:
-    """Restore the offsets of unknowns `first` to `last` from before `relax_for_now`."""
+def restore_offsets(c: Coupled, first: int, last: int) -> None:
+    """Restore the offsets of unknowns `first` to `last` from before `relax_temporarily`."""
     for k in range(first, last):
-        c.unknowns[k].offset = c.unknowns[k].solved
+        c.unknowns[k].offset = c.unknowns[k].new_rate
 
 
 @kernel
-def lay_paths(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
+def predict_end_poses(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float) -> None:
     """Poses at the end of a substep of all bodies that are not simulated; driven trees by (6) alone."""
-    c = m.coupled
+    c = data.coupled
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
         if scene.trees.role[tree] == DRIVEN:
-            relax_for_now(c, 3 * tree, 3 * tree + 3, dt)
-            relax_for_now(c, first_unknown(scene, tree), end_unknown(scene, tree), dt)
-            pose_driven(scene, m, tree, roots, angles, 1.0, c.after)
-            take_back(c, 3 * tree, 3 * tree + 3)
-            take_back(c, first_unknown(scene, tree), end_unknown(scene, tree))
+            relax_temporarily(c, 3 * tree, 3 * tree + 3, dt)
+            relax_temporarily(c, first_unknown(scene, tree), end_unknown(scene, tree), dt)
+            pose_driven(scene, data, tree, roots, angles, 1.0, c.after)
+            restore_offsets(c, 3 * tree, 3 * tree + 3)
+            restore_offsets(c, first_unknown(scene, tree), end_unknown(scene, tree))
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             for k in range(7):
                 driven = scene.trees.role[tree] == DRIVEN
-                m.corrected[body, k] = c.after.poses[body, k] if driven else m.recorded[body, k]
+                data.corrected[body, k] = c.after.poses[body, k] if driven else data.recorded[body, k]
 
 
-@outlined
-def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, gap: float, goes_on: bool) -> int:
+@noinline
+def move_together(
+    scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float, gap: float, goes_on: bool
+) -> int:
     """Solve groups of driven and simulated bodies that may touch through a substep; returns the number of impacts.
 
     Simulated bodies of groups are then at its end. Driven trees that were touched get the resulting posture as their goal,
     `DrivenState.prescribed_posture`, which other obstacles may still correct. Begins the frame of the simulated loop.
     """
-    c, state = m.coupled, m.driven
-    load_unknowns(scene, m, roots, angles, dt)
-    lay_paths(scene, m, roots, angles, dt)
-    m.coupled.solve.any_awake = 1 if begin_frame(m.simulated, dt, gap, goes_on) else 0
+    c, state = data.coupled, data.driven
+    load_unknowns(scene, data, roots, angles, dt)
+    predict_end_poses(scene, data, roots, angles, dt)
+    data.coupled.solve.any_awake = 1 if begin_frame(data.simulated, dt, gap, goes_on) else 0
     impacts = 0
-    if label_groups(scene, m):
+    if label_groups(scene, data):
         for group in range(len(c.trees)):
             if c.trees[group].group == group:
-                take_group(scene, m, group)
-                impacts += advance_together(scene, m, roots, angles, dt)
-                pose_driven_trees(scene, m, roots, angles, dt, 0.0, dt)
-                m.simulated.counts.rows = 0
-                clear_overlaps(m.simulated, dt, COUPLED)
-        take_group(scene, m, -1)
+                activate_group(scene, data, group)
+                impacts += advance_together(scene, data, roots, angles, dt)
+                pose_driven_trees(scene, data, roots, angles, dt, 0.0, dt)
+                data.simulated.counts.contacts = 0
+                clear_overlaps(data.simulated, dt, COUPLED)
+        activate_group(scene, data, -1)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             if c.trees[tree].solved == 0:
@@ -240,33 +240,32 @@ def move_together(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
     return impacts
 
 
-@outlined
-def simulate_rest(scene: Scene, m: Machine, most_impacts: int) -> tuple[int, int]:
+@noinline
+def simulate_rest(scene: Scene, data: ReplayData, most_impacts: int) -> tuple[int, int]:
     """Move the simulated bodies in no group; ends the frame of the simulated loop. Returns impacts and flags."""
-    impacts, flags = end_frame(m.simulated, most_impacts, m.coupled.solve.any_awake == 1)
+    impacts, flags = end_frame(data.simulated, most_impacts, data.coupled.solve.any_awake == 1)
     for tree in range(len(scene.trees.role)):
-        if m.driven.prescription[tree] == PRESCRIBED:
-            m.driven.prescription[tree] = WAS_PRESCRIBED
+        if data.driven.prescription[tree] == PRESCRIBED:
+            data.driven.prescription[tree] = WAS_PRESCRIBED
         if scene.trees.role[tree] == SIMULATED:
             body = scene.trees.body_start[tree]
-            for k in range(7):
-                m.recorded[body, k] = m.corrected[body, k]
-            pose_simulated(scene, m, tree, m.corrected)
+            copy_pose(data.corrected, body, data.recorded, body)
+            pose_simulated(scene, data, tree, data.corrected)
     return impacts, flags
 
 
-@outlined
-def separate_from_simulated(scene: Scene, m: Machine, params: StepParameters) -> int:
-    """Move driven bodies out of simulated ones that ended inside them. Returns the number of passes."""
-    p, near = m.workspace.piece_frames, m.workspace.near
+@noinline
+def separate_from_simulated(scene: Scene, data: ReplayData, params: StepParameters) -> int:
+    """Move driven bodies out of simulated ones that ended inside them. Returns the number of iterations."""
+    p, near = data.workspace.piece_frames, data.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, p.frames, m.detection.boxes, tree)
-    find_near(scene, p.frames, m.still, 0.0, math.inf, near, m.detection)
+            update_boxes(scene, p.frames, data.detection.boxes, tree)
+    find_near(scene, p.frames, data.still, 0.0, math.inf, near, data.detection)
     for k in range(near.counts.filled):
-        if near.separation[k] < -LEAST_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
-            note_simulated(scene, m)
-            rounds = separate_by_method(scene, m, params.method)
-            shift_driven(scene, m)
+        if near.separation[k] < -MIN_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
+            write_simulated_poses(scene, data)
+            rounds = separate_by_method(scene, data, params.method)
+            write_corrected_poses(scene, data)
             return rounds
     return 0

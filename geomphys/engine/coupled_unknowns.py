@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax, relax_offset
 from geomphys.driven.postures import Posture, copy_tree
+from geomphys.driven.starts import JUMP
 from geomphys.engine.coupled_state import Coupled
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import quat_of, set_quat, set_vec, vec_of
 from geomphys.numerics.vec3 import (
     quat_conjugate,
@@ -35,8 +36,6 @@ from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_tree, set_pose
 
 Floats = NDArray[np.float64]
-
-JUMP = 0.5  # rad or m: an angle recorded to change more in a substep has changed its branch
 
 
 @kernel
@@ -64,21 +63,21 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
 
 
 @kernel
-def difference(m: Machine, q: int, value: float) -> float:
+def difference(data: ReplayData, q: int, value: float) -> float:
     """Offset of a joint, modulo 2π if it is continuous."""
-    if m.workspace.links.periodic[q] == 1:
+    if data.workspace.links.periodic[q] == 1:
         value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
     return value
 
 
-@outlined
-def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float) -> None:
+@noinline
+def load_unknowns(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float) -> None:
     """Offsets, rates and recorded rates of all driven trees for the substep that ends at `roots` and `angles`.
 
     A tree that was pressed keeps its velocity in the world: the change of the recording's rate is subtracted from that
     of its offset.
     """
-    c, state = m.coupled, m.driven
+    c, state = data.coupled, data.driven
     solve = c.solve
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
@@ -93,9 +92,9 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
             x.recorded_rate = (roots[tree, i] - state.recorded.roots[tree, i]) / dt
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             x = c.unknowns[unknown_of_joint(scene, q)]
-            x.offset = difference(m, q, state.last.angles[q] - state.recorded.angles[q])
+            x.offset = difference(data, q, state.last.angles[q] - state.recorded.angles[q])
             if t.touched == 0:
-                change = difference(m, q, x.offset - x.loaded_offset)
+                change = difference(data, q, x.offset - x.loaded_offset)
                 x.rate = change / solve.substep_duration if solve.started == 1 else 0.0
             x.loaded_offset = x.offset
             change = angles[q] - state.recorded.angles[q]
@@ -114,7 +113,7 @@ def load_unknowns(scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: f
         t.touched = t.solved = 0
         copy_tree(scene, state.recorded, tree, c.begin)
     solve.started, solve.substep_duration = 1, dt
-    solve.unsettled = solve.lost = 0
+    solve.unconverged = solve.lost = 0
 
 
 @kernel
@@ -149,10 +148,12 @@ def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
     set_quat(t.rotation_offset, quat_from_rotation_vector((x0, x1, x2)))
 
 
-@outlined
-def pose_driven(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, at: float, into: Posture) -> None:
+@noinline
+def pose_driven(
+    scene: Scene, data: ReplayData, tree: int, roots: Floats, angles: Floats, at: float, into: Posture
+) -> None:
     """Pose a driven tree, in a posture, at its offsets from the recording `at` this fraction of the substep."""
-    c = m.coupled
+    c = data.coupled
     rotation = slerp(orientation_of(c.begin.roots, tree), orientation_of(roots, tree), at)
     rotation_offset = quat_of(c.trees[tree].rotation_offset)
     if rotation_offset[0] != 0.0 or rotation_offset[1] != 0.0 or rotation_offset[2] != 0.0:
@@ -166,7 +167,7 @@ def pose_driven(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floa
         if abs(b - a) >= JUMP:
             a = b
         into.angles[q] = a + at * (b - a) + c.unknowns[unknown_of_joint(scene, q)].offset
-    pose_tree(scene, m.workspace.origins, tree, into.roots, into.angles, into.poses)
+    pose_tree(scene, data.workspace.origins, tree, into.roots, into.angles, into.poses)
 
 
 @kernel
@@ -177,7 +178,7 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
     """
     for k in range(first, last):
         x = c.unknowns[k]
-        x.solved = x.inverse_mass = 0.0
+        x.new_rate = x.inverse_mass = 0.0
         if x.mass == 0.0:
             continue
         mass, stiffness, damping = (
@@ -191,7 +192,7 @@ def begin_step(c: Coupled, first: int, last: int, h: float) -> None:
             impulse = h * x.effort if x.offset > 0.0 else -h * x.effort
             whole = mass + h * damping
         x.inverse_mass = 1.0 / whole
-        x.solved = (mass * x.rate - impulse) / whole
+        x.new_rate = (mass * x.rate - impulse) / whole
 
 
 @kernel
@@ -199,7 +200,7 @@ def begin_impact(c: Coupled, first: int, last: int) -> None:
     """Rates and real masses of unknowns `first` to `last`, for impulses, which act instantaneously."""
     for k in range(first, last):
         x = c.unknowns[k]
-        x.solved = x.rate
+        x.new_rate = x.rate
         x.inverse_mass = 1.0 / x.mass if x.mass > 0.0 else 0.0
 
 
@@ -207,7 +208,7 @@ def begin_impact(c: Coupled, first: int, last: int) -> None:
 def end_impact(c: Coupled, first: int, last: int) -> None:
     """Set the rates of unknowns `first` to `last` to the solved ones."""
     for k in range(first, last):
-        c.unknowns[k].rate = c.unknowns[k].solved
+        c.unknowns[k].rate = c.unknowns[k].new_rate
 
 
 @kernel
@@ -218,7 +219,7 @@ def end_step(c: Coupled, first: int, last: int, h: float, pressed: bool) -> None
         if x.mass == 0.0:
             continue
         if pressed:
-            x.rate = x.solved
+            x.rate = x.new_rate
             x.offset += h * x.rate
         elif x.offset != 0.0 or x.rate != 0.0:
             x.offset, x.rate = relax(x.offset, x.rate, x.mass, x.stiffness, x.damping, h)

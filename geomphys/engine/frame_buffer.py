@@ -12,7 +12,7 @@ from geomphys.collision.global_depth import GlobalDepths
 from geomphys.collision.manifold import manifold
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import Shapes
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.stage_clock import STAGES
 from geomphys.numerics.row_vectors import set_vec, vec_at
 from geomphys.numerics.vec3 import add, scale
@@ -139,7 +139,7 @@ def write_depths(scene: Scene, block: Block, frame: int, depths: GlobalDepths, c
     block.depth_end[frame + 1] = row
 
 
-@outlined
+@noinline
 def write_contacts(
     scene: Scene, frames: Floats, near: Near, offsets: Floats, block: Block, frame: int, scratch: Scratch
 ) -> float:

@@ -23,7 +23,7 @@ from geomphys.scene.world import World
 
 Floats = NDArray[np.float64]
 
-LEAST_FORCE = 1e-3  # N: smaller forces count as none
+MIN_FORCE = 1e-3  # N: smaller forces count as none
 
 
 @dataclass
@@ -108,17 +108,17 @@ class GraspMeter:
         gripping = of_body & driven & (forces > 0.0)
         grip_force, other_force = float(forces[gripping].sum()), float(forces[of_body & ~driven].sum())
         was_held = seen.sole_support_s >= HELD_FOR
-        touched = grip_force > LEAST_FORCE
+        touched = grip_force > MIN_FORCE
         if touched:
             seen.touched_s += dt
             seen.touch_forces.append(grip_force)
             self._estimate_motion(body, seen, result, dt)
         else:
             seen.centre, seen.velocity = None, None
-        if not touched or other_force > LEAST_FORCE:
+        if not touched or other_force > MIN_FORCE:
             seen.sole_support_s = 0.0
             seen.latest.clear()
-            dropped = was_held and not touched and other_force <= LEAST_FORCE
+            dropped = was_held and not touched and other_force <= MIN_FORCE
             seen.dropped += dropped
             ended = ("warning", f"{name}: dropped") if dropped else ("info", f"{name}: set down")
             return [ended] if was_held else []
@@ -157,7 +157,7 @@ class GraspMeter:
         acceleration = np.zeros(3) if seen.acceleration is None else seen.acceleration
         force = bodies.mass[body] * (acceleration - self._scene.gravity)
         needed = float(np.linalg.norm(force - pressed))
-        return available / needed if needed > LEAST_FORCE else math.inf
+        return available / needed if needed > MIN_FORCE else math.inf
 
     def grasps(self) -> tuple[Grasp, ...]:
         """Outcomes so far of every simulated body that was touched."""

@@ -44,7 +44,7 @@ _TEXTS = {
     FLAG_CATCHING_UP: ("info", "after a gap or a jump of a tracker, what is driven catches up at a bounded speed"),
     FLAG_SWEEP_BOUND: (
         "info",
-        "contact forces of driven and simulated bodies ended at their bound of sweeps, not settled",
+        "contact forces of driven and simulated bodies ended at their bound of sweeps, not converged",
     ),
     FLAG_TABLE_FULL: (
         "warning",

@@ -13,7 +13,7 @@ from geomphys.driven.groups import Outcome
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.paper.update import separate_as_published, update_driven_as_published
 from geomphys.driven.update import separate_driven, update_driven
-from geomphys.engine.state import Machine, Method
+from geomphys.engine.state import Method, ReplayData
 from geomphys.jit.kernel import kernel
 from geomphys.scene.arrays import Scene
 
@@ -25,34 +25,36 @@ def _update(
     exact: float | None,
     paper: PaperWorkspace | None,
     scene: Scene,
-    m: Machine,
+    data: ReplayData,
     roots: Floats,
     angles: Floats,
     dt: float,
 ) -> Outcome:
     if exact is not None:
-        return update_driven(scene, m.driven, m.workspace, roots, angles, m.recorded, dt, exact)
+        return update_driven(scene, data.driven, data.workspace, roots, angles, data.recorded, dt, exact)
     if paper is not None:
-        return update_driven_as_published(scene, m.driven, paper, roots, angles, m.recorded, dt)
+        return update_driven_as_published(scene, data.driven, paper, roots, angles, data.recorded, dt)
     return Outcome(0, 0, False, False)
 
 
 @kernel
-def update_by_method(scene: Scene, m: Machine, method: Method, roots: Floats, angles: Floats, dt: float) -> Outcome:
+def update_by_method(
+    scene: Scene, data: ReplayData, method: Method, roots: Floats, angles: Floats, dt: float
+) -> Outcome:
     """Couple driven trees to the roots (T, 7) and angles (Q,) recorded `dt` [s] later and resolve their overlaps."""
-    return _update(method.exact, method.paper, scene, m, roots, angles, dt)
+    return _update(method.exact, method.paper, scene, data, roots, angles, dt)
 
 
 @kernel
-def _separate(exact: float | None, paper: PaperWorkspace | None, scene: Scene, m: Machine) -> int:
+def _separate(exact: float | None, paper: PaperWorkspace | None, scene: Scene, data: ReplayData) -> int:
     if exact is not None:
-        return separate_driven(scene, m.driven, m.workspace, m.recorded, exact)
+        return separate_driven(scene, data.driven, data.workspace, data.recorded, exact)
     if paper is not None:
-        return separate_as_published(scene, m.driven, paper, m.recorded)
+        return separate_as_published(scene, data.driven, paper, data.recorded)
     return 0
 
 
 @kernel
-def separate_by_method(scene: Scene, m: Machine, method: Method) -> int:
-    """Move driven trees out of what has moved into them since; returns the passes."""
-    return _separate(method.exact, method.paper, scene, m)
+def separate_by_method(scene: Scene, data: ReplayData, method: Method) -> int:
+    """Move driven trees out of what has moved into them since; returns the iterations."""
+    return _separate(method.exact, method.paper, scene, data)

@@ -28,7 +28,7 @@ MOST = 1.4  # times the larger recorded speed
 GROWTH = 0.1  # s: in which the speed of catching up grows from zero to that
 SLOWEST = (0.05, 0.2, 0.2)  # m/s, rad/s, rad/s or m/s of joints: least speed of catching up
 JUMP_RATIO = 3.0  # a jump of a tracker: acceleration above this times the 99th percentile of those recorded so far
-LEAST_JUMP = 100.0  # m/s²: a jump is above this, too
+MIN_JUMP = 100.0  # m/s²: a jump is above this, too
 LEARNED = 60  # frames until that percentile is trusted
 NOTHING = 1e-9  # m, rad
 
@@ -81,7 +81,7 @@ class MissedMotion:
         steps = np.where(dts > 0.0, dts, 1.0)
         velocities = np.diff(roots[:, :3], axis=0, prepend=seen.root[None, :3]) / steps[:, None]
         changes = np.linalg.norm(np.diff(velocities, axis=0, prepend=seen.velocity[None]), axis=1) / steps
-        steady = good & (dts > 0.0) & (changes < LEAST_JUMP)
+        steady = good & (dts > 0.0) & (changes < MIN_JUMP)
         count = len(steady) if steady.all() else int(np.argmin(steady))
         if count == 0:
             return 0
@@ -136,7 +136,7 @@ class MissedMotion:
 
     @staticmethod
     def _jumps(seen: _Tree, acceleration: float) -> bool:
-        if acceleration < LEAST_JUMP or seen.accelerations.count < LEARNED:
+        if acceleration < MIN_JUMP or seen.accelerations.count < LEARNED:
             return False
         return acceleration > JUMP_RATIO * seen.accelerations.quantile(0.99)
 

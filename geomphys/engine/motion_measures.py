@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import near_bodies
 from geomphys.collision.sweep import bodies_apart, body_apart_from_tree, near_trees, update_boxes
 from geomphys.engine.fingertips import TipContacts
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, neg, norm, rotate, rotate_back, scale, sub
@@ -31,24 +31,24 @@ DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
 
 
 @kernel
-def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContacts) -> int:
+def _find_contacts(scene: Scene, data: ReplayData, frames: Floats, contacts: TipContacts) -> int:
     """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
-    near, tips, found = m.workspace.near, m.fingertips, m.detection.found
+    near, tips, found = data.workspace.near, data.fingertips, data.detection.found
     last_tree, others, count = -1, 0, 0
     for i in range(len(tips.link)):
         contacts.gap[i] = math.inf
         tree = scene.bodies.tree[tips.link[i]]
         if tree != last_tree:
-            others, last_tree = near_trees(m.detection.boxes, tree, IN_CONTACT, found), tree
+            others, last_tree = near_trees(data.detection.boxes, tree, IN_CONTACT, found), tree
         near.counts.filled = 0
         for k in range(others):
             for j in range(tips.body_start[i], tips.body_start[i + 1]):
                 body, other = tips.bodies[j], found[k]
-                if body_apart_from_tree(m.detection.boxes, body, other, IN_CONTACT):
+                if body_apart_from_tree(data.detection.boxes, body, other, IN_CONTACT):
                     continue
                 for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
-                    if not bodies_apart(m.detection.boxes, body, b, IN_CONTACT):
-                        near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, m.tip_detection)
+                    if not bodies_apart(data.detection.boxes, body, b, IN_CONTACT):
+                        near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, data.tip_detection)
         for k in range(near.counts.filled):
             if near.separation[k] < contacts.gap[i]:
                 contacts.gap[i], contacts.piece[i] = near.separation[k], near.b[k]
@@ -59,11 +59,11 @@ def _find_contacts(scene: Scene, m: Machine, frames: Floats, contacts: TipContac
 
 
 @kernel
-def _update_driven_boxes(scene: Scene, m: Machine, frames: Floats) -> None:
+def _update_driven_boxes(scene: Scene, data: ReplayData, frames: Floats) -> None:
     """Boxes of driven trees with their pieces at `frames` (P, 12)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, frames, m.detection.boxes, tree)
+            update_boxes(scene, frames, data.detection.boxes, tree)
 
 
 @kernel
@@ -74,16 +74,16 @@ def _offset(before: Floats, after: Floats, piece: int, point: Vec) -> Vec:
 
 
 @kernel
-def largest_offset(scene: Scene, m: Machine) -> float:
+def largest_offset(scene: Scene, data: ReplayData) -> float:
     """Largest distance [m] of a driven link from where it was recorded.
 
     Measured at the six middles of the sides of the box (in its own frame) of each of its pieces.
     """
-    base, frames, largest = m.workspace.piece_frames.base, m.workspace.piece_frames.frames, 0.0
+    base, frames, largest = data.workspace.piece_frames.base, data.workspace.piece_frames.frames, 0.0
     for i in range(len(scene.pieces.kind)):
         if scene.bodies.role[scene.pieces.body[i]] != DRIVEN:
             continue
-        centre, half = vec_at(m.detection.boxes.local_centre, i), vec_at(m.detection.boxes.local_half, i)
+        centre, half = vec_at(data.detection.boxes.local_centre, i), vec_at(data.detection.boxes.local_half, i)
         for side in ((half[0], 0.0, 0.0), (0.0, half[1], 0.0), (0.0, 0.0, half[2])):
             largest = max(largest, norm(_offset(base, frames, i, add(centre, side))))
             largest = max(largest, norm(_offset(base, frames, i, add(centre, neg(side)))))
@@ -91,9 +91,9 @@ def largest_offset(scene: Scene, m: Machine) -> float:
 
 
 @kernel
-def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
+def _fingertip_error(scene: Scene, data: ReplayData, in_contact: bool) -> float:
     """Mean distance [m] of the middles of fingertips from where they were recorded; of all, or of those in contact."""
-    tips, total, count = m.fingertips, 0.0, 0
+    tips, total, count = data.fingertips, 0.0, 0
     for i in range(len(tips.link)):
         if in_contact and tips.recorded.gap[i] > IN_CONTACT:
             continue
@@ -102,7 +102,7 @@ def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
             for piece in range(scene.bodies.piece_start[tips.bodies[j]], scene.bodies.piece_start[tips.bodies[j] + 1]):
                 centre = vec_at(scene.pieces.centre, piece)
                 moved = add(
-                    moved, _offset(m.workspace.piece_frames.base, m.workspace.piece_frames.frames, piece, centre)
+                    moved, _offset(data.workspace.piece_frames.base, data.workspace.piece_frames.frames, piece, centre)
                 )
                 pieces += 1
         total += norm(scale(moved, 1.0 / pieces))
@@ -111,13 +111,13 @@ def _fingertip_error(scene: Scene, m: Machine, in_contact: bool) -> float:
 
 
 @kernel
-def _compare_contacts(m: Machine, figures: Record) -> int:
+def _compare_contacts(data: ReplayData, figures: Record) -> int:
     """Find which recorded contacts are kept, how far they moved on the object and its normal rotated; returns their number.
 
     Points and normals are compared in the frame of the object, which may have been corrected too.
     """
-    tips, count, distance, rotation = m.fingertips, 0, 0.0, 0.0
-    base, frames = m.workspace.piece_frames.base, m.workspace.piece_frames.frames
+    tips, count, distance, rotation = data.fingertips, 0, 0.0, 0.0
+    base, frames = data.workspace.piece_frames.base, data.workspace.piece_frames.frames
     for i in range(len(tips.link)):
         before, after = tips.recorded.gap[i], tips.corrected.gap[i]
         tips.is_retained[i] = int(before <= IN_CONTACT and after <= max(RETAINED, before + ROUNDING))
@@ -136,9 +136,9 @@ def _compare_contacts(m: Machine, figures: Record) -> int:
 
 
 @kernel
-def _count_grasps(scene: Scene, m: Machine, is_retained: bool) -> int:
+def _count_grasps(scene: Scene, data: ReplayData, is_retained: bool) -> int:
     """Hands whose thumb and another finger are in contact: as recorded, or both with contacts that are kept."""
-    tips, count, i = m.fingertips, 0, 0
+    tips, count, i = data.fingertips, 0, 0
     while i < len(tips.link):
         tree, thumb, finger = scene.bodies.tree[tips.link[i]], False, False
         while i < len(tips.link) and scene.bodies.tree[tips.link[i]] == tree:
@@ -152,31 +152,34 @@ def _count_grasps(scene: Scene, m: Machine, is_retained: bool) -> int:
     return count
 
 
-@outlined
-def measure_motion(scene: Scene, m: Machine, figures: Record) -> None:
+@noinline
+def measure_motion(scene: Scene, data: ReplayData, figures: Record) -> None:
     """Measures of motion quality of a frame, once its final poses, their boxes and its correction are known.
 
     Written to `figures` (FIGURES), the frame's record in the block.
     """
-    base, frames, tips = m.workspace.piece_frames.base, m.workspace.piece_frames.frames, m.fingertips
+    base, frames, tips = data.workspace.piece_frames.base, data.workspace.piece_frames.frames, data.fingertips
     figures.amplification = figures.fingertip_error = figures.contact_precision = figures.contact_alignment = 0.0
     if figures.correction == 0.0 and figures.rotation == 0.0:
-        count = _find_contacts(scene, m, frames, tips.recorded)
+        count = _find_contacts(scene, data, frames, tips.recorded)
         figures.contacts_recorded = figures.contacts_kept = count
-        figures.grasps_recorded = figures.grasps_kept = _count_grasps(scene, m, False) if count > 1 else 0
+        figures.grasps_recorded = figures.grasps_kept = _count_grasps(scene, data, False) if count > 1 else 0
         return
     if figures.recorded > DEEP:
-        figures.amplification = largest_offset(scene, m) / figures.recorded
+        figures.amplification = largest_offset(scene, data) / figures.recorded
     if len(tips.link) == 0:
         figures.contacts_recorded = figures.contacts_kept = figures.grasps_recorded = figures.grasps_kept = 0
         return
-    _update_driven_boxes(scene, m, base)
-    count = _find_contacts(scene, m, base, tips.recorded)
-    _update_driven_boxes(scene, m, frames)
+    _update_driven_boxes(scene, data, base)
+    count = _find_contacts(scene, data, base, tips.recorded)
+    _update_driven_boxes(scene, data, frames)
     figures.contacts_recorded, figures.contacts_kept = count, 0
     figures.grasps_recorded = figures.grasps_kept = 0
     if count > 0:
-        _find_contacts(scene, m, frames, tips.corrected)
-        figures.contacts_kept = _compare_contacts(m, figures)
-        figures.grasps_recorded, figures.grasps_kept = _count_grasps(scene, m, False), _count_grasps(scene, m, True)
-    figures.fingertip_error = _fingertip_error(scene, m, count > 0)
+        _find_contacts(scene, data, frames, tips.corrected)
+        figures.contacts_kept = _compare_contacts(data, figures)
+        figures.grasps_recorded, figures.grasps_kept = (
+            _count_grasps(scene, data, False),
+            _count_grasps(scene, data, True),
+        )
+    figures.fingertip_error = _fingertip_error(scene, data, count > 0)

@@ -20,7 +20,7 @@ from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter
 from geomphys.engine.missed_motion import MissedMotion
-from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_machine
+from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_replay_data
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
@@ -63,14 +63,14 @@ class Pipeline:
         start_clock()
         self.world = world
         links = links_of(world, weights)
-        self.machine = make_machine(world.scene, config.max_iterations, thumbs_of(world), weights, links)
+        self.data = make_replay_data(world.scene, config.max_iterations, thumbs_of(world), weights, links)
         method, self._run_block = Method(config.gap, None), run_block
         if config.method == "paper":
-            paper = make_paper_workspace(world.scene, self.machine.workspace, config)
+            paper = make_paper_workspace(world.scene, self.data.workspace, config)
             method, self._run_block = Method(None, pack(paper)), run_block_as_published
         self.params = StepParameters(config.gap, config.max_impacts, method)
         self.blocks = [self._make_block() for _ in range(2)]
-        self._packed = _packed_scene(world), pack(self.machine)
+        self._packed = _packed_scene(world), pack(self.data)
         self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
         self._reporter = FrameReporter()
@@ -81,13 +81,13 @@ class Pipeline:
     def _make_block(self) -> Block:
         scene = self.world.scene
         moving = np.flatnonzero(scene.trees.moving[scene.bodies.tree]).astype(np.int64)
-        return make_block(moving, self.machine.recorded.copy(), len(scene.dofs.lower))
+        return make_block(moving, self.data.recorded.copy(), len(scene.dofs.lower))
 
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were stepped."""
         recording = Recording(roots, angles, dts)
         count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
-        if count == 0 or self.machine.workspace.near.counts["lost"]:
+        if count == 0 or self.data.workspace.near.counts["lost"]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once, or have as many contact points; "
                 "decompose the meshes into fewer"
@@ -160,7 +160,7 @@ class Pipeline:
     def _pose_as_recorded(self, frame: Frame, poses: Floats) -> None:
         """Set driven trees in `poses` (B, 7) to their recorded poses, which a frame that catches up has not reached."""
         for tree in np.flatnonzero(self.scene.trees.role == DRIVEN).tolist():
-            pose_tree(self._packed[0], self.machine.workspace.origins, tree, frame.roots, frame.angles, poses)
+            pose_tree(self._packed[0], self.data.workspace.origins, tree, frame.roots, frame.angles, poses)
 
     def results(self, chunk: Chunk) -> ResultColumns:
         """The results of a chunk; once, in order."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.targets import clear_link_offset, store_tree_offsets
-from geomphys.engine.state import Machine
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.results import FLAG_QUARANTINED
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree
@@ -29,69 +29,69 @@ def _is_good(value: float) -> bool:
 
 
 @kernel
-def _is_sound(scene: Scene, m: Machine, tree: int) -> bool:
+def _is_sound(scene: Scene, data: ReplayData, tree: int) -> bool:
     """Whether the whole state of a driven tree is finite."""
     for i in range(3):
-        if not (_is_good(m.driven.offset[tree, i]) and _is_good(m.driven.offset_velocity[tree, i])):
+        if not (_is_good(data.driven.offset[tree, i]) and _is_good(data.driven.offset_velocity[tree, i])):
             return False
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         for k in range(7):
-            if not _is_good(m.corrected[body, k]):
+            if not _is_good(data.corrected[body, k]):
                 return False
-        offset = m.driven.link_offsets[body]
+        offset = data.driven.link_offsets[body]
         for i in range(3):
             if not (_is_good(offset.translation[i]) and _is_good(offset.velocity[i])):
                 return False
             if not (_is_good(offset.rotation[i]) and _is_good(offset.angular_velocity[i])):
                 return False
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):  # noqa: SIM110 - no generators in kernels
-        if not _is_good(m.driven.last.angles[q]):
+        if not _is_good(data.driven.last.angles[q]):
             return False
     return True
 
 
 @kernel
-def keep_posture(m: Machine) -> None:
+def keep_posture(data: ReplayData) -> None:
     """Save the angles of the end of the last frame, which `contain_driven` restores."""
-    for q in range(len(m.posture)):
-        angle = m.driven.last.angles[q]
+    for q in range(len(data.posture)):
+        angle = data.driven.last.angles[q]
         if _is_good(angle):
-            m.posture[q] = angle
+            data.posture[q] = angle
 
 
-@outlined
-def _put_back(scene: Scene, m: Machine, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
+@noinline
+def _put_back(scene: Scene, data: ReplayData, tree: int, roots: Floats, angles: Floats, first: bool) -> None:
     """Restore a tree to its pose at the frame's start, at rest; in the first frame to its recorded pose."""
-    p, state = m.workspace.piece_frames, m.driven
+    p, state = data.workspace.piece_frames, data.driven
     root, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     for k in range(7):
-        state.last.roots[tree, k] = roots[tree, k] if first else m.start[root, k]
+        state.last.roots[tree, k] = roots[tree, k] if first else data.start[root, k]
         state.recorded.roots[tree, k] = roots[tree, k]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-        state.last.angles[q] = angles[q] if first else m.posture[q]
+        state.last.angles[q] = angles[q] if first else data.posture[q]
         state.recorded.angles[q] = angles[q]
     for body in range(root, last):
         for k in range(7):
-            m.corrected[body, k] = m.recorded[body, k] if first else m.start[body, k]
-            state.last.poses[body, k], state.recorded.poses[body, k] = m.corrected[body, k], m.recorded[body, k]
+            data.corrected[body, k] = data.recorded[body, k] if first else data.start[body, k]
+            state.last.poses[body, k], state.recorded.poses[body, k] = data.corrected[body, k], data.recorded[body, k]
         clear_link_offset(state, body)
     for i in range(3):
         state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
     state.progress.dt = 0.0  # at rest: contacts give its offsets no rate
-    store_tree_offsets(scene, state, m.workspace, tree, m.recorded, not first)
-    pose_pieces_of_tree(scene, tree, m.corrected, p.frames)
-    pose_pieces_of_tree(scene, tree, m.corrected, p.moved)
-    update_boxes(scene, p.frames, m.detection.boxes, tree)
+    store_tree_offsets(scene, state, data.workspace, tree, data.recorded, not first)
+    pose_pieces_of_tree(scene, tree, data.corrected, p.frames)
+    pose_pieces_of_tree(scene, tree, data.corrected, p.moved)
+    update_boxes(scene, p.frames, data.detection.boxes, tree)
 
 
-@outlined
-def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, first: bool) -> int:
+@noinline
+def contain_driven(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, first: bool) -> int:
     """Put every driven tree that is not finite back to its last good state.
 
     Parameters
     ----------
     scene, m
-        The scene and the machine, whose `start` and `posture` hold the last good state.
+        The scene and the data of the replay, whose `start` and `posture` hold the last good state.
     roots, angles
         (T, 7) and (Q,): the recording up to which the driven loop has gone.
     first
@@ -104,10 +104,10 @@ def contain_driven(scene: Scene, m: Machine, roots: Floats, angles: Floats, firs
     """
     flags = 0
     for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] == DRIVEN and not _is_sound(scene, m, tree):
-            _put_back(scene, m, tree, roots, angles, first)
+        if scene.trees.role[tree] == DRIVEN and not _is_sound(scene, data, tree):
+            _put_back(scene, data, tree, roots, angles, first)
             flags = FLAG_QUARANTINED
     if flags != 0:  # cached directions may derive from values that are not finite
-        for k in range(len(m.detection.axes.rows)):
-            m.detection.axes.rows[k].pair = -1
+        for k in range(len(data.detection.axes.rows)):
+            data.detection.axes.rows[k].pair = -1
     return flags

@@ -62,8 +62,8 @@ class StepParameters(NamedTuple):
     method: Method
 
 
-class Machine(NamedTuple):
-    """State and workspace of a replay, which change from frame to frame. Made by `make_machine`."""
+class ReplayData(NamedTuple):
+    """State and workspace of a replay, which change from frame to frame. Made by `make_replay_data`."""
 
     recorded: Floats  # (B, 7) poses as recorded
     corrected: Floats  # (B, 7)
@@ -85,16 +85,16 @@ class Machine(NamedTuple):
     tip_detection: Detection  # for the measures of contacts: caches directions separately from those of the solver
 
 
-def make_machine(
+def make_replay_data(
     scene: Scene,
-    passes: int = 30,
+    iterations: int = 30,
     is_thumb: Ints | None = None,
     weights: Weights = WEIGHTS,
     links: Links | None = None,
-) -> Machine:
+) -> ReplayData:
     """State and workspace for a replay of `scene`, at rest.
 
-    `passes` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs; `weights` are those of
+    `iterations` bounds those of a search for a posture; `is_thumb` (B,) marks the links of thumbs; `weights` are those of
     the objective; `links` are those of `make_links`, if they are known already.
     """
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
@@ -108,12 +108,12 @@ def make_machine(
     boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
     detection = Detection(boxes, make_axes(), scratch, found)
     links = make_links(scene, weights) if links is None else links
-    workspace = make_driven_workspace(scene, poses, links, piece_frames, near, detection, passes, weights)
+    workspace = make_driven_workspace(scene, poses, links, piece_frames, near, detection, iterations, weights)
     corrected, start = poses.copy(), poses.copy()
     velocity = scene.initial_velocity.copy()
     without_simulated = np.zeros(trees, MOTION_BOUND)
     without_simulated["world"][scene.trees.role == SIMULATED] = -np.inf
-    return Machine(
+    return ReplayData(
         recorded=poses,
         corrected=corrected,
         driven=make_driven_state(scene, poses),

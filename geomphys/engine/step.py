@@ -20,21 +20,22 @@ from geomphys.engine.coupled_step import (
     fit_recorded_paths,
     is_pressed,
     move_together,
-    note_simulated,
     recording_between,
     separate_from_simulated,
-    shift_driven,
     simulate_rest,
     substeps_of,
+    write_corrected_poses,
+    write_simulated_poses,
 )
 from geomphys.engine.frame_buffer import Block, has_capacity, is_full, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
 from geomphys.engine.motion_measures import measure_motion
 from geomphys.engine.quarantine import contain_driven, keep_posture
-from geomphys.engine.state import Machine, StepParameters
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.engine.state import ReplayData, StepParameters
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.jit.stage_clock import cycles
+from geomphys.numerics.row_vectors import copy_pose
 from geomphys.results import (
     FLAG_BLOCKED,
     FLAG_NOT_CONVERGED,
@@ -51,8 +52,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CONTACT_GAPS = 3.0  # surfaces nearer than this many gaps are in contact
-LEFT = 1e-5  # m: a residual overlap of driven bodies that is deeper is flagged
-SUNK = 1e-4  # m: the same with simulated bodies
+FLAGGED_OVERLAP = 1e-5  # m: a residual overlap of driven bodies that is deeper is flagged
+FLAGGED_OVERLAP_SIMULATED = 1e-4  # m: the same with simulated bodies
 BLOCKED_FROM = 1e-4  # m: a body in contact this far from its recorded pose, that is free, is blocked
 
 KINEMATICS, RECORDED_DEPTH, OVERLAP, IMPULSES, CONTACTS, WHOLE = range(6)
@@ -66,31 +67,31 @@ class Recording(NamedTuple):
     dts: Floats  # (N,) s since the frame before
 
 
-@outlined
-def pose_recording(scene: Scene, m: Machine, roots: Floats, angles: Floats) -> None:
+@noinline
+def pose_recording(scene: Scene, data: ReplayData, roots: Floats, angles: Floats) -> None:
     """Forward kinematics of all trees the recording moves; their pieces and boxes as recorded."""
     for tree in range(len(scene.trees.role)):
         if not is_recorded(scene, tree):
             continue
-        pose_tree(scene, m.workspace.origins, tree, roots, angles, m.recorded)
-        pose_pieces_of_tree(scene, tree, m.recorded, m.workspace.piece_frames.base)
-        update_boxes(scene, m.workspace.piece_frames.base, m.detection.boxes, tree)
+        pose_tree(scene, data.workspace.origins, tree, roots, angles, data.recorded)
+        pose_pieces_of_tree(scene, tree, data.recorded, data.workspace.piece_frames.base)
+        update_boxes(scene, data.workspace.piece_frames.base, data.detection.boxes, tree)
 
 
-@outlined
-def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
+@noinline
+def measure_recorded(scene: Scene, data: ReplayData) -> tuple[float, int]:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
     other driven ones, and the number of pairs of bodies in `depths`.
     """
-    near, depth, touching = m.workspace.near, m.workspace.work.depth, 0.0
+    near, depth, touching = data.workspace.near, data.workspace.work.depth, 0.0
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
         if scene.trees.role[tree] == DRIVEN and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]:
             touching = RECORDED_ON
-    find_near(scene, m.workspace.piece_frames.base, m.still, touching, math.inf, near, m.detection)
-    overlapping = global_depths(scene.pieces, near, m.depths)
+    find_near(scene, data.workspace.piece_frames.base, data.still, touching, math.inf, near, data.detection)
+    overlapping = global_depths(scene.pieces, near, data.depths)
     if touching > 0.0:
-        find_touches(scene, m.workspace, near)
+        find_touches(scene, data.workspace, near)
     deepest = 0.0
     for k in range(near.counts.filled):
         deep = -near.separation[k]
@@ -101,34 +102,38 @@ def measure_recorded(scene: Scene, m: Machine) -> tuple[float, int]:
     return deepest, overlapping
 
 
-@outlined
-def find_contacts(scene: Scene, m: Machine, gap: float, first: bool, block: Block, frame: int) -> tuple[float, float]:
+@noinline
+def find_contacts(
+    scene: Scene, data: ReplayData, gap: float, first: bool, block: Block, frame: int
+) -> tuple[float, float]:
     """Contacts of the final poses, written to `block`; returns the deepest residual overlaps [m]: of all bodies, of
     driven ones.
     """
-    piece_frames, near = m.workspace.piece_frames, m.workspace.near
+    piece_frames, near = data.workspace.piece_frames, data.workspace.near
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, piece_frames.frames, m.detection.boxes, tree)
+            update_boxes(scene, piece_frames.frames, data.detection.boxes, tree)
     margin = CONTACT_GAPS * gap
-    find_near(scene, piece_frames.frames, m.still, margin, math.inf, near, m.detection)
-    of_driven = write_contacts(scene, piece_frames.frames, near, m.driven.offset, block, frame, m.detection.scratch)
+    find_near(scene, piece_frames.frames, data.still, margin, math.inf, near, data.detection)
+    of_driven = write_contacts(
+        scene, piece_frames.frames, near, data.driven.offset, block, frame, data.detection.scratch
+    )
     deepest = of_driven
-    if len(m.simulated.free) > 0:
+    if len(data.simulated.free) > 0:
         left = (
-            deepest_overlap_at_start(m.simulated, piece_frames.frames)
+            deepest_overlap_at_start(data.simulated, piece_frames.frames)
             if first
-            else deepest_overlap(m.simulated, piece_frames.frames)
+            else deepest_overlap(data.simulated, piece_frames.frames)
         )
         deepest = max(deepest, left)
         block.contact_end[frame + 1] = write_touches(
-            m.simulated, m.corrected, block.contacts, block.contact_end[frame + 1]
+            data.simulated, data.corrected, block.contacts, block.contact_end[frame + 1]
         )
     return deepest, of_driven
 
 
 @kernel
-def measure_correction(scene: Scene, m: Machine, figures: Record) -> None:
+def measure_correction(scene: Scene, data: ReplayData, figures: Record) -> None:
     """Largest distance and angle of a driven body from where it was recorded, into `figures` (FIGURES)."""
     far, rotation = 0.0, 0.0
     for body in range(len(scene.bodies.role)):
@@ -136,133 +141,139 @@ def measure_correction(scene: Scene, m: Machine, figures: Record) -> None:
             continue
         square, same, opposite = 0.0, 0.0, 0.0
         for k in range(3):
-            square += (m.corrected[body, k] - m.recorded[body, k]) ** 2
+            square += (data.corrected[body, k] - data.recorded[body, k]) ** 2
         for k in range(3, 7):  # q and -q are one rotation
-            same += (m.corrected[body, k] - m.recorded[body, k]) ** 2
-            opposite += (m.corrected[body, k] + m.recorded[body, k]) ** 2
+            same += (data.corrected[body, k] - data.recorded[body, k]) ** 2
+            opposite += (data.corrected[body, k] + data.recorded[body, k]) ** 2
         far = max(far, np.sqrt(square))
         rotation = max(rotation, 4.0 * np.arcsin(min(1.0, 0.5 * np.sqrt(min(same, opposite)))))
     figures.correction, figures.rotation = far, rotation
 
 
 @kernel
-def keep_poses(scene: Scene, m: Machine) -> None:
+def save_poses(scene: Scene, data: ReplayData) -> None:
     """Save the poses of moving bodies at the start of a frame or substep."""
-    for body in range(len(m.start)):
+    for body in range(len(data.start)):
         if scene.trees.moving[scene.bodies.tree[body]] == 1:
-            for k in range(7):
-                m.start[body, k] = m.corrected[body, k]
-    keep_posture(m)
+            copy_pose(data.corrected, body, data.start, body)
+    keep_posture(data)
 
 
-@outlined
-def drive(
-    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, together: bool, params: StepParameters
+@noinline
+def update_driven_bodies(
+    scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float, together: bool, params: StepParameters
 ) -> Outcome:
     """The driven loop: moves driven bodies to the roots (T, 7) and angles (Q,) recorded `dt` [s] later.
 
     `together`: they were moved together with the simulated ones, which they need not avoid then.
     """
-    note_simulated(scene, m)
-    ignored = m.workspace.work.ignored
+    write_simulated_poses(scene, data)
+    ignored = data.workspace.work.ignored
     for tree in range(len(ignored)):
         ignored[tree] = 1 if together and scene.trees.role[tree] == SIMULATED else 0
-    done = update_by_method(scene, m, params.method, roots, angles, dt)
+    done = update_by_method(scene, data, params.method, roots, angles, dt)
     for tree in range(len(ignored)):
         ignored[tree] = 0
-    shift_driven(scene, m)
+    write_corrected_poses(scene, data)
     return done
 
 
 @kernel
 def step(
-    scene: Scene, m: Machine, roots: Floats, angles: Floats, dt: float, params: StepParameters, block: Block, frame: int
+    scene: Scene,
+    data: ReplayData,
+    roots: Floats,
+    angles: Floats,
+    dt: float,
+    params: StepParameters,
+    block: Block,
+    frame: int,
 ) -> None:
     """One frame: from the recorded roots (T, 7) and angles (Q,) to its row of `block`.
 
     `dt` [s] is the time since the frame before it; the first frame's does not matter.
     """
     figures, clock = block.figures[frame], block.cycles[frame]
-    first = m.driven.progress.start == NOT_STARTED
+    first = data.driven.progress.start == NOT_STARTED
     t0 = cycles()
-    keep_poses(scene, m)
-    pose_recording(scene, m, roots, angles)
+    save_poses(scene, data)
+    pose_recording(scene, data, roots, angles)
     t1 = cycles()
-    figures.recorded, overlapping = measure_recorded(scene, m)
+    figures.recorded, overlapping = measure_recorded(scene, data)
     t2 = cycles()
-    if len(m.simulated.free) > 0:
-        fit_recorded_paths(scene, m, roots, dt, first)
-    parts = 1 if first or params.method.paper is not None else substeps_of(scene, m, dt)
+    if len(data.simulated.free) > 0:
+        fit_recorded_paths(scene, data, roots, dt, first)
+    substeps = 1 if first or params.method.paper is not None else substeps_of(scene, data, dt)
     impacts, flags, simulating, pressed = 0, 0, 0, False
-    m.workspace.problem.counts.lost = 0
+    data.workspace.problem.counts.lost = 0
     done = Outcome(0, 0, True, False)
-    for tree in range(len(m.driven.method)):
-        m.driven.method[tree] = GLOBAL
-    for part in range(parts):
-        last = part == parts - 1
-        if part > 0:
-            keep_poses(scene, m)
-        if last and parts > 1:
-            pose_recording(scene, m, roots, angles)
+    for tree in range(len(data.driven.method)):
+        data.driven.method[tree] = GLOBAL
+    moves = not first and len(data.simulated.free) > 0 and dt > 0.0
+    for substep in range(substeps):
+        last = substep == substeps - 1
+        if substep > 0:
+            save_poses(scene, data)
+        if last and substeps > 1:
+            pose_recording(scene, data, roots, angles)
         if not last:
-            recording_between(scene, m, roots, angles, 1.0 / (parts - part))
-            curve_path(scene, m, dt, part, parts)
-        now_at, joint_values = (roots, angles) if last else (m.roots, m.angles)
+            recording_between(scene, data, roots, angles, 1.0 / (substeps - substep))
+            curve_path(scene, data, dt, substep, substeps)
+        now_at, joint_values = (roots, angles) if last else (data.roots, data.angles)
         t3 = cycles()
-        moves = not first and len(m.simulated.free) > 0 and dt > 0.0
         if moves:
-            impacts += move_together(scene, m, now_at, joint_values, dt / parts, params.gap, part > 0)
-            pressed = pressed or is_pressed(scene, m)
-            if m.coupled.solve.unsettled > 0:
+            impacts += move_together(scene, data, now_at, joint_values, dt / substeps, params.gap, substep > 0)
+            pressed = pressed or is_pressed(scene, data)
+            if data.coupled.solve.unconverged > 0:
                 flags |= FLAG_SWEEP_BOUND
-            if m.coupled.solve.lost > 0:
+            if data.coupled.solve.lost > 0:
                 flags |= FLAG_TABLE_FULL
         simulating += cycles() - t3
-        done = combine(done, drive(scene, m, now_at, joint_values, dt / parts, moves, params))
-        flags |= contain_driven(scene, m, now_at, joint_values, first)
+        done = combine(done, update_driven_bodies(scene, data, now_at, joint_values, dt / substeps, moves, params))
+        flags |= contain_driven(scene, data, now_at, joint_values, first)
         t3 = cycles()
         if moves:
-            now, flagged = simulate_rest(scene, m, params.max_impacts - impacts)
+            now, flagged = simulate_rest(scene, data, params.max_impacts - impacts)
             impacts, flags = impacts + now, flags | flagged
-            if separate_from_simulated(scene, m, params) > 0:
-                flags |= contain_driven(scene, m, now_at, joint_values, first)
+            if separate_from_simulated(scene, data, params) > 0:
+                flags |= contain_driven(scene, data, now_at, joint_values, first)
         simulating += cycles() - t3
-    if m.workspace.problem.counts.lost > 0:
+    if data.workspace.problem.counts.lost > 0:
         flags |= FLAG_TABLE_FULL
     t4 = cycles()
-    write_depths(scene, block, frame, m.depths, overlapping, m.driven.method)
-    figures.residual, left = find_contacts(scene, m, params.gap, first, block, frame)
+    write_depths(scene, block, frame, data.depths, overlapping, data.driven.method)
+    figures.residual, left = find_contacts(scene, data, params.gap, first, block, frame)
     if is_full(block, frame):
-        m.workspace.near.counts.lost += 1
-    measure_correction(scene, m, figures)
-    measure_motion(scene, m, figures)
+        data.workspace.near.counts.lost += 1
+    measure_correction(scene, data, figures)
+    measure_motion(scene, data, figures)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):
-            block.recorded[frame, k, i] = m.recorded[block.moving[k], i]
-            block.corrected[frame, k, i] = m.corrected[block.moving[k], i]
+            block.recorded[frame, k, i] = data.recorded[block.moving[k], i]
+            block.corrected[frame, k, i] = data.corrected[block.moving[k], i]
     for k in range(len(angles)):
         driven = scene.trees.role[scene.dofs.tree[k]] == DRIVEN
-        block.angles[frame, k] = m.driven.last.angles[k] if driven else angles[k]
+        block.angles[frame, k] = data.driven.last.angles[k] if driven else angles[k]
     figures.iterations, figures.impacts, figures.fallbacks, figures.flags = (
-        done.passes,
+        done.iterations,
         impacts,
         done.fallbacks,
         flags,
     )
-    if not done.converged or left > LEFT or (not first and figures.residual > SUNK):
+    if not done.converged or left > FLAGGED_OVERLAP or (not first and figures.residual > FLAGGED_OVERLAP_SIMULATED):
         figures.flags |= FLAG_NOT_CONVERGED
     if done.shape_changed:
         figures.flags |= FLAG_SHAPE_CHANGED
     touches = block.contact_end[frame + 1] > block.contact_end[frame]
     if figures.recorded == 0.0 and touches and not pressed and figures.correction > BLOCKED_FROM:
         figures.flags |= FLAG_BLOCKED
-    if first and (figures.recorded > 0.0 or figures.residual > LEFT):
+    if first and (figures.recorded > 0.0 or figures.residual > FLAGGED_OVERLAP):
         figures.flags |= FLAG_STARTED_INSIDE
     clock[KINEMATICS], clock[RECORDED_DEPTH], clock[OVERLAP] = t1 - t0, t2 - t1, t4 - t2 - simulating
     clock[IMPULSES], clock[CONTACTS], clock[WHOLE] = simulating, t5 - t4, t5 - t0
     counts = block.counts[frame]
-    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.passes
+    counts[KINEMATICS], counts[RECORDED_DEPTH], counts[OVERLAP] = len(block.moving), overlapping, done.iterations
     counts[IMPULSES], counts[WHOLE] = impacts, 1
     counts[CONTACTS] = block.contact_end[frame + 1] - block.contact_end[frame]
 
@@ -270,7 +281,7 @@ def step(
 @kernel
 def run_block(
     scene: Scene,
-    m: Machine,
+    data: ReplayData,
     recording: Recording,
     params: StepParameters,
     block: Block,
@@ -280,7 +291,7 @@ def run_block(
     Parameters
     ----------
     scene, m, params
-        The scene, the machine (state, updated), and the configuration.
+        The scene, the data of the replay (updated), and the configuration.
     recording
         N frames.
     block
@@ -295,13 +306,15 @@ def run_block(
     for frame in range(len(recording.dts)):
         if not has_capacity(block, frame):
             return frame
-        step(scene, m, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
-        if m.workspace.near.counts.lost > 0:  # a table is full: the caller aborts the replay
+        step(scene, data, recording.roots[frame], recording.angles[frame], recording.dts[frame], params, block, frame)
+        if data.workspace.near.counts.lost > 0:  # a table is full: the caller aborts the replay
             return frame
     return len(recording.dts)
 
 
 @kernel
-def run_block_as_published(scene: Scene, m: Machine, recording: Recording, params: StepParameters, block: Block) -> int:
+def run_block_as_published(
+    scene: Scene, data: ReplayData, recording: Recording, params: StepParameters, block: Block
+) -> int:
     """`run_block` with a `Method` of the paper: an entry of its own, so that its machine code is found by its name."""
-    return run_block(scene, m, recording, params, block)
+    return run_block(scene, data, recording, params, block)

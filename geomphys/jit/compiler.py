@@ -1,10 +1,10 @@
 """From kernels to machine code by numba: imported where something is compiled, and nowhere else.
 
 This uses two features of numba's public interface: `numba.extending.overload` compiles a kernel into its
-callers; `numba.cfunc` makes an outlined kernel, or what Python calls, a function of its own, whose text in LLVM's
+callers; `numba.cfunc` makes a noinline kernel, or what Python calls, a function of its own, whose text in LLVM's
 language becomes an object file (`geomphys.jit.machine_code`).
 
-Where numba is to do everything (`geomphys.jit.registry.PLAIN_NUMBA`) no kernel is outlined.
+Where numba is to do everything (`geomphys.jit.registry.PLAIN_NUMBA`) no kernel is noinline.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _in_memory: list[Any] = []
 
 
 def compile_unit(kernel: Definition, key: Key) -> Product:
-    """Compile an outlined kernel."""
+    """Compile a noinline kernel."""
     return _product(kernel.py_func, declared_return(kernel.py_func)(*_types(key)), symbol_of(key))
 
 
@@ -114,7 +114,7 @@ def _introduce_kernels() -> None:
             _introduce_instruction(instruction)
     for kernel in list(definitions.values()):
         if kernel not in _known:
-            _introduce_outlined(kernel) if kernel.outlined else _introduce_kernel(kernel)
+            _introduce_noinline(kernel) if kernel.noinline else _introduce_kernel(kernel)
     _known.update(instructions, definitions.values())
 
 
@@ -124,7 +124,7 @@ def _introduce_kernel(kernel: Definition) -> None:
     )
 
 
-def _introduce_outlined(kernel: Definition) -> None:
+def _introduce_noinline(kernel: Definition) -> None:
     def typed(context: Any) -> Any:
         def call(*args: Any) -> Any:
             return declared_return(kernel.py_func)

@@ -14,7 +14,7 @@ from pathlib import Path
 from geomphys.jit.machine_code import processor
 from geomphys.storage.cache import Store, remove_unused, sources, user_cache_folder
 
-COMPILED = re.compile(rb"^@(kernel|outlined|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
+COMPILED = re.compile(rb"^@(kernel|noinline|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
 """Found in modules that affect the machine code, as do those they import."""
 
 IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)

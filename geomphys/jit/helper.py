@@ -10,7 +10,7 @@ import signal
 import sys
 
 from geomphys.jit.products import Key
-from geomphys.jit.work import undisturbed, work
+from geomphys.jit.work import without_garbage_collection, work
 from geomphys.storage.child_process import end_with_parent
 
 
@@ -18,7 +18,7 @@ def main(parent: int) -> None:
     """Compile what is asked for, the last first."""
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process it helps decides
-    with undisturbed():
+    with without_garbage_collection():
         work([Key(*plain) for plain in json.load(sys.stdin)], newest_first=True)
 
 

@@ -19,7 +19,7 @@ from geomphys.jit.work import load_entry
 
 F = TypeVar("F", bound=Callable[..., object])
 
-__all__ = ["are_compiled", "cache_folder", "inlined", "instruction", "kernel", "outlined"]
+__all__ = ["are_compiled", "cache_folder", "inlined", "instruction", "kernel", "noinline"]
 
 _lock = threading.RLock()
 _compiled: set[str] = set()  # methods whose step was found in the cache
@@ -28,8 +28,8 @@ _compiled: set[str] = set()  # methods whose step was found in the cache
 class Kernel(Definition):
     """A function that is compiled when it is first called, and into each kernel that calls it."""
 
-    def __init__(self, function: Callable[..., Any], inlined: bool = False, outlined: bool = False) -> None:
-        super().__init__(function, inlined, outlined)
+    def __init__(self, function: Callable[..., Any], inlined: bool = False, noinline: bool = False) -> None:
+        super().__init__(function, inlined, noinline)
         self._entries: dict[tuple[Any, ...], Entry] = {}
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -66,12 +66,12 @@ def kernel(function: F) -> F:
     return cast(F, Kernel(function))
 
 
-def outlined(function: F) -> F:
+def noinline(function: F) -> F:
     """Compile `function` once; its callers jump to it: for long ones at the bottom of many others.
 
     What it returns must be annotated: None, bool, int, float, or a tuple or NamedTuple of them.
     """
-    return cast(F, Kernel(function, outlined=True))
+    return cast(F, Kernel(function, noinline=True))
 
 
 def inlined(function: F) -> F:

@@ -1,6 +1,6 @@
 """Machine code of kernels: object files made from LLVM's text of a kernel, and linked into this process.
 
-Callers of an outlined kernel jump to the address in its *slot*, a word of memory known to LLVM by a name. So
+Callers of a noinline kernel jump to the address in its *slot*, a word of memory known to LLVM by a name. So
 a caller can be compiled and kept on disk before its callees are, and kernels are compiled in any order.
 """
 
@@ -32,7 +32,7 @@ _FOREIGN = re.compile(r"numba_|NRT_|_?Py")
 
 
 def make_slots(symbols: Iterable[str]) -> None:
-    """Define the slots of outlined kernels in LLVM."""
+    """Define the slots of noinline kernels in LLVM."""
     for symbol in symbols:
         if symbol not in _slots:
             _slots[symbol] = ctypes.c_void_p()
@@ -40,7 +40,7 @@ def make_slots(symbols: Iterable[str]) -> None:
 
 
 def is_linked(symbol: str) -> bool:
-    """Whether an outlined kernel can be jumped to in this process."""
+    """Whether a noinline kernel can be jumped to in this process."""
     return symbol in _slots and bool(_slots[symbol].value)
 
 
@@ -61,7 +61,7 @@ def link(codes: Mapping[str, bytes]) -> dict[str, int]:
 
 
 def object_file(text: str, name: str, symbol: str) -> tuple[bytes, list[str]]:
-    """Machine code of a function as an object file, and the symbols of the outlined kernels that it jumps to.
+    """Machine code of a function as an object file, and the symbols of the noinline kernels that it jumps to.
 
     Parameters
     ----------

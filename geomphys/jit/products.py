@@ -29,7 +29,7 @@ class Product(NamedTuple):
     """A kernel as it is on disk."""
 
     code: bytes  # object file, see `geomphys.jit.machine_code`
-    callees: list[Key]  # the outlined kernels it jumps to
+    callees: list[Key]  # the noinline kernels it jumps to
     returns: Kind
 
 

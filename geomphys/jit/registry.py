@@ -31,13 +31,13 @@ class Definition:
     function : callable
     inlined : bool
         It becomes part of each of its callers.
-    outlined : bool
+    noinline : bool
         It is compiled once for each signature, and its callers jump to it.
     """
 
-    def __init__(self, function: Callable[..., Any], inlined: bool, outlined: bool) -> None:
+    def __init__(self, function: Callable[..., Any], inlined: bool, noinline: bool) -> None:
         self.py_func = self.__wrapped__ = function
-        self.inlined, self.outlined = inlined, outlined and not PLAIN_NUMBA
+        self.inlined, self.noinline = inlined, noinline and not PLAIN_NUMBA
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
         self.__module__, self.__doc__ = function.__module__, function.__doc__
         self.parameters = function.__code__.co_argcount

@@ -1,4 +1,4 @@
-"""The outlined kernels that have to be compiled before a kernel can run, shared between this process and others.
+"""The noinline kernels that have to be compiled before a kernel can run, shared between this process and others.
 
 What each kernel returns is known from its annotation, so kernels do not wait for each other: which are needed is found
 when their callers are compiled. Processes share the work without speaking to each other: each locks the kernel it compiles,
@@ -27,13 +27,13 @@ from geomphys.jit.registry import PLAIN_NUMBA, Definition, definitions
 from geomphys.storage.child_process import available_cores
 from geomphys.storage.deferred_signals import signals_deferred
 
-MOST_PROCESSES = 4
+MAX_PROCESSES = 4
 """More would have little to do; each takes 0.3 GB."""
 
-WORTHWHILE = 6
+MIN_FOR_HELPERS = 6
 """Kernels to be compiled from which on others are called in: a process takes two seconds to get ready."""
 
-LOOK_AGAIN_S = 0.02
+POLL_INTERVAL_S = 0.02
 """While others are at all that is left."""
 
 Listener = Callable[[int, int], None]
@@ -42,7 +42,7 @@ _listeners: list[Listener] = []
 
 
 @contextmanager
-def telling(listener: Listener | None) -> Iterator[None]:
+def progress_to(listener: Listener | None) -> Iterator[None]:
     """Within the block, `listener` gets how many kernels are compiled, and how many are known to be needed.
 
     What it raises ends the compiling; what is done by then is kept.
@@ -56,7 +56,7 @@ def telling(listener: Listener | None) -> Iterator[None]:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def without_garbage_collection() -> Iterator[None]:
     """Within the block no time is spent on looking for garbage: a fifth of it would be, and there is little."""
     collecting = gc.isenabled()
     gc.disable()
@@ -73,11 +73,11 @@ def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
     if PLAIN_NUMBA:
         from geomphys.jit.compiler import compile_in_memory
 
-        with undisturbed(), signals_deferred():
+        with without_garbage_collection(), signals_deferred():
             address, returns = compile_in_memory(kernel, key)
         return Entry(address, kinds, returns)
     name = f"{symbol_of(key)}.entry"
-    with undisturbed():
+    with without_garbage_collection():
         product = _provide(key, entry=True)
         assert product is not None  # it waits for other processes
         units = complete(product.callees)
@@ -87,16 +87,16 @@ def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
 
 
 def complete(keys: Sequence[Key]) -> dict[str, Product]:
-    """Outlined kernels and all they jump to, but for those that are linked, by their symbols.
+    """Noinline kernels and all they jump to, but for those that are linked, by their symbols.
 
     Compiles those that are not on disk, with helpers if they are many.
     """
     helpers: list[subprocess.Popen[bytes]] = []
 
     def each(done: int, known: int, waiting: Sequence[Key]) -> None:
-        if not helpers and len(waiting) >= WORTHWHILE:
+        if not helpers and len(waiting) >= MIN_FOR_HELPERS:
             missing = [key for key in waiting if not is_there(f"{symbol_of(key)}.unit")]
-            if len(missing) >= WORTHWHILE:
+            if len(missing) >= MIN_FOR_HELPERS:
                 helpers.extend(_helper(missing) for _ in range(processes() - 1))
         for listener in _listeners:
             listener(done, known)
@@ -115,7 +115,7 @@ def work(
     newest_first: bool,
     before_compiling: Callable[[int, int, Sequence[Key]], None] = lambda *_: None,
 ) -> dict[str, Product]:
-    """Compile outlined kernels and all they call, unless they are on disk; returns them by their symbols.
+    """Compile noinline kernels and all they call, unless they are on disk; returns them by their symbols.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def work(
             waiting.appendleft(key) if newest_first else waiting.append(key)
             busy += 1
             if busy >= len(waiting):
-                time.sleep(LOOK_AGAIN_S)
+                time.sleep(POLL_INTERVAL_S)
                 busy = 0
             continue
         busy = 0
@@ -150,7 +150,7 @@ def work(
 def _provide(key: Key, *, entry: bool, before_compiling: Callable[[], None] = lambda: None) -> Product | None:
     """A kernel from disk, or compiled: as Python calls it, an `entry`, or as other kernels do.
 
-    While another process is at it, an entry is waited for; an outlined kernel is not, but is None.
+    While another process is at it, an entry is waited for; a noinline kernel is not, but is None.
     """
     name = f"{symbol_of(key)}.{'entry' if entry else 'unit'}"
     product = load(name)
@@ -179,7 +179,7 @@ def _compiled(key: Key, entry: bool) -> Product:
 
 def processes() -> int:
     """How many processes compile at once."""
-    return min(available_cores(), MOST_PROCESSES)
+    return min(available_cores(), MAX_PROCESSES)
 
 
 def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from geomphys.jit.kernel import kernel
 from geomphys.keypoints.cholesky import factorise, substitute_back, substitute_forward
 from geomphys.keypoints.fit_model import REST_WEIGHT, SHOWN, SMOOTHNESS_WEIGHT, UNSHOWN_WEIGHT, FitModel, FitState
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
@@ -244,8 +244,7 @@ def accept_trial(state: FitState) -> None:
     for k in range(7):
         state.root[k] = state.trial_root[k]
     for body in range(len(state.poses)):
-        for k in range(7):
-            state.poses[body, k] = state.trial_poses[body, k]
+        copy_pose(state.trial_poses, body, state.poses, body)
 
 
 @kernel

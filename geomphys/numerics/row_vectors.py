@@ -101,3 +101,10 @@ def set_rot(a: Floats, r: Rot) -> None:
     """Write a rotation to the first nine numbers of an array."""
     for i in range(9):
         a[i] = r[i]
+
+
+@kernel
+def copy_pose(source: Floats, i: int, target: Floats, j: int) -> None:
+    """Copy row `i` of the poses `source` (n, 7) to row `j` of `target` (m, 7)."""
+    for k in range(7):
+        target[j, k] = source[i, k]

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import Quat, Rot, Vec, add, quat_mul, quat_rotate, rot_from_quat, rot_mul, rotate
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
 
@@ -121,7 +121,7 @@ def pose_body(scene: Scene, origins: Floats, body: int, angles: Floats, poses: F
     pose_child(poses, body, bodies.parent[body], origins, bodies.axis, joint)
 
 
-@outlined
+@noinline
 def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: Floats, poses: Floats) -> None:
     """Forward kinematics of one tree.
 
@@ -139,13 +139,12 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
         (B, 7) world poses of the bodies; those of `tree` are written. The root's is copied as it is.
     """
     first = scene.trees.body_start[tree]
-    for k in range(7):
-        poses[first, k] = roots[tree, k]
+    copy_pose(roots, tree, poses, first)
     for body in range(first + 1, scene.trees.body_start[tree + 1]):
         pose_body(scene, origins, body, angles, poses)
 
 
-@outlined
+@noinline
 def pose_pieces_of_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
     """Frame rows (P, 12) world_from_piece of the pieces of `tree`, from body poses (B, 7)."""
     local = scene.pieces.local

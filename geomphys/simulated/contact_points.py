@@ -1,6 +1,6 @@
-"""Contact points of a pair: found, matched with those of the step before, written as rows for the solvers.
+"""Contact points of a pair: found, matched with those of the step before, written as contacts for the solvers.
 
-A row has the response of both bodies to an impulse at the point.
+A contact has the response of both bodies to an impulse at the point.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.support import Shapes
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import (
     add_vec,
     add_vec_from,
@@ -36,7 +36,7 @@ from geomphys.numerics.vec3 import (
 )
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
-from geomphys.simulated.state import Motion, Row, Simulation, Slot, is_disabled
+from geomphys.simulated.state import ACTIVE, Contact, Motion, Simulation, Slot, is_disabled
 from geomphys.simulated.time_of_impact import LOOK_FAR, measure_pair_within
 
 NEAR = 4e-4  # m: contact points with no more clearance are solved
@@ -44,22 +44,22 @@ SAME = 4e-6  # m²: squared distance within which a point continues one of the s
 
 
 @kernel
-def direction_of(r: Row, axis: int) -> Vec:
-    """Normal (axis 0), tangent (1) or binormal (2) of a row."""
+def direction_of(r: Contact, axis: int) -> Vec:
+    """Normal (axis 0), tangent (1) or binormal (2) of a contact."""
     if axis == 0:
         return vec_of(r.normal)
     return vec_of(r.tangent) if axis == 1 else vec_of(r.binormal)
 
 
 @kernel
-def clear_impulse(r: Row) -> None:
-    """Set the impulses of a row to zero."""
+def clear_impulse(r: Contact) -> None:
+    """Set the impulses of a contact to zero."""
     r.normal_impulse = r.tangent_impulse[0] = r.tangent_impulse[1] = 0.0
 
 
 @kernel
-def fill_masses(a: Motion, b: Motion, r: Row) -> None:
-    """Responses to unit impulses along normal and tangents of row `r`: angular velocities of both bodies, velocity at the point.
+def fill_masses(a: Motion, b: Motion, r: Contact) -> None:
+    """Responses to unit impulses along normal and tangents: angular velocities of both bodies, relative velocity at the point.
 
     `a`, `b` are the bodies' records of `motion`.
     """
@@ -87,8 +87,8 @@ def fill_masses(a: Motion, b: Motion, r: Row) -> None:
 
 
 @kernel
-def invert_mass(r: Row) -> None:
-    """Set the fields of row `r` that derive from `inverse_mass_t`."""
+def invert_mass(r: Contact) -> None:
+    """Set the fields of contact `r` that derive from `inverse_mass_t`."""
     k_tt, k_tb, k_bb = vec_of(r.inverse_mass_t)
     inverse, half = 1.0 / (k_tt * k_bb - k_tb * k_tb), 0.5 * (k_tt - k_bb)
     set_vec(r.mass_t, (inverse * k_bb, -inverse * k_tb, inverse * k_tt))
@@ -173,14 +173,14 @@ def close_slots(sim: Simulation, pair: int, count: int) -> None:
     sim.pairs[pair].point_count = count
 
 
-@outlined
-def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, clearance: float) -> None:
-    """Append the row of contact point number `count` of a pair: at x, normal n, both world."""
+@noinline
+def add_contact(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, clearance: float) -> None:
+    """Append the contact of contact point number `count` of a pair: at x, normal n, both world."""
     p = sim.pairs[pair]
     a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
-    k = sim.counts.rows
-    sim.counts.rows = k + 1
-    r = sim.rows[k]
+    k = sim.counts.contacts
+    sim.counts.contacts = k + 1
+    r = sim.contacts[k]
     tangent = perpendicular(n)
     set_vec(r.normal, n)
     set_vec(r.tangent, tangent)
@@ -201,21 +201,21 @@ def add_row(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec, cl
     r.a = p.body[0]
     r.b = p.body[1]
     r.slot = count
-    r.mode = 1
+    r.mode = ACTIVE
     local = quat_rotate(quat_conjugate(quat_of(a.orientation)), vec_of(r.arm_a))
     open_slot(sim, pair, count, continued(sim, local), local, clearance)
 
 
 @kernel
-def add_rows(sim: Simulation, pair: int, t: float) -> None:
-    """`add_rows_within` of `NEAR`, unless the pair is disabled."""
+def add_contacts(sim: Simulation, pair: int, t: float) -> None:
+    """`add_contacts_within` of `NEAR`, unless the pair is disabled."""
     if not is_disabled(sim, pair):
-        add_rows_within(sim, pair, t, NEAR)
+        add_contacts_within(sim, pair, t, NEAR)
 
 
-@outlined
-def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None:
-    """Find the contact points of a pair at time `t` of the frame and append a row for each nearer than `margin` [m].
+@noinline
+def add_contacts_within(sim: Simulation, pair: int, t: float, margin: float) -> None:
+    """Find the contact points of a pair at time `t` of the frame and append a contact for each nearer than `margin` [m].
 
     The base times of simulated bodies must be `t`.
     """
@@ -228,7 +228,7 @@ def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None
     i, j = p.piece[0], p.piece[1]
     on_a, on_b = sim.scratch.on_a, sim.scratch.on_b
     found = manifold(Shapes(sim.pieces, sim.frames), i, j, (s, n, pa, pb), on_a, on_b, sim.scratch)
-    if sim.counts.rows + found > len(sim.rows):
+    if sim.counts.contacts + found > len(sim.contacts):
         sim.counts.lost += 1
         return
     keep_old_slots(sim, pair)
@@ -237,7 +237,7 @@ def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None
         xa, xb = vec_at(on_a, m), vec_at(on_b, m)
         clearance = dot(n, sub(xa, xb))
         if clearance <= margin:
-            add_row(sim, pair, count, t, n, scale(add(xa, xb), 0.5), clearance)
+            add_contact(sim, pair, count, t, n, scale(add(xa, xb), 0.5), clearance)
             count += 1
     close_slots(sim, pair, count)
     if count > 0:
@@ -245,8 +245,8 @@ def add_rows_within(sim: Simulation, pair: int, t: float, margin: float) -> None
 
 
 @kernel
-def speed_at(velocity: Floats, r: Row, a: int, b: int) -> Vec:
-    """v_AB of row `r`: velocity of body a's contact point relative to b's [m/s]; `velocity` holds rows of six."""
+def speed_at(velocity: Floats, r: Contact, a: int, b: int) -> Vec:
+    """v_AB of contact `r`: velocity of body a's contact point relative to b's [m/s]; `velocity` holds rows of six."""
     va, vb = velocity[a], velocity[b]
     at_a = add(vec_from(va, 0), cross(vec_from(va, 3), vec_of(r.arm_a)))
     at_b = add(vec_from(vb, 0), cross(vec_from(vb, 3), vec_of(r.arm_b)))
@@ -254,14 +254,14 @@ def speed_at(velocity: Floats, r: Row, a: int, b: int) -> Vec:
 
 
 @kernel
-def normal_speed(velocity: Floats, r: Row, a: int, b: int) -> float:
-    """v_n of (7) at row `r` [m/s]; negative: approaching."""
+def normal_speed(velocity: Floats, r: Contact, a: int, b: int) -> float:
+    """v_n of (7) at contact `r` [m/s]; negative: approaching."""
     return dot(vec_of(r.normal), speed_at(velocity, r, a, b))
 
 
 @kernel
-def apply_impulses(sim: Simulation, r: Row, j: Vec) -> None:
-    """Apply the impulses +j to a and -j to b [N s] along normal, tangent and binormal of row `r` to `velocity`.
+def apply_impulses(sim: Simulation, r: Contact, j: Vec) -> None:
+    """Apply the impulses +j to a and -j to b [N s] along normal, tangent and binormal of contact `r` to `velocity`.
 
     Bodies with prescribed motion are left as they are.
     """
@@ -280,8 +280,8 @@ def apply_impulses(sim: Simulation, r: Row, j: Vec) -> None:
 
 
 @kernel
-def apply_impulse(sim: Simulation, velocity: Floats, r: Row, a: int, b: int, axis: int, j: float) -> None:
-    """Apply the impulse +j to a and -j to b [N s] along axis 0 (normal), 1 (tangent) or 2 (binormal) of row `r`."""
+def apply_impulse(sim: Simulation, velocity: Floats, r: Contact, a: int, b: int, axis: int, j: float) -> None:
+    """Apply the impulse +j to a and -j to b [N s] along axis 0 (normal), 1 (tangent) or 2 (binormal) of contact `r`."""
     va, vb = velocity[a], velocity[b]
     d = direction_of(r, axis)
     add_vec_from(va, 0, d, j * sim.motion[a].inverse_mass)

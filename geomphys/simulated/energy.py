@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import dot, scale
 from geomphys.simulated.sleeping import is_moving
@@ -85,7 +85,7 @@ def add_up(sim: Simulation) -> None:
             island.support = STILL
 
 
-@outlined
+@noinline
 def take_excess(sim: Simulation) -> None:
     """Scale the velocities of bodies in contact, in islands that touch fixed bodies and no driven or moving ones, to the
     energy that `note_energies` stored.

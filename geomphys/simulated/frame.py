@@ -66,7 +66,7 @@ def begin(sim: Simulation, goes_on: bool) -> None:
     for s in range(len(sim.free)):
         set_free(sim, sim.free[s])
     fit_paths(sim)
-    sim.counts.rows = 0
+    sim.counts.contacts = 0
     sim.counts.lost = 0
     for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from geomphys.collision.penetration import separation
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import quat_from, set_vec, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, unit
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Pieces
@@ -56,7 +56,7 @@ def write_touches(sim: Simulation, poses: Floats, contacts: Records, first: int)
     return first
 
 
-@outlined
+@noinline
 def deepest_overlap(sim: Simulation, frames: Floats) -> float:
     """Deepest overlap of simulated bodies with what is not driven, at the end of the frame last simulated.
 
@@ -90,7 +90,7 @@ def centre_of(pieces: Pieces, frames: Floats, i: int) -> Vec:
     return add(frame_position(frames, i), rotate(frame_rotation(frames, i), vec_at(pieces.centre, i)))
 
 
-@outlined
+@noinline
 def deepest_overlap_at_start(sim: Simulation, frames: Floats) -> float:
     """`deepest_overlap` before anything was simulated, and so without a list of pairs."""
     pieces, deepest = sim.pieces, 0.0

@@ -18,27 +18,27 @@ def comes_before(sim: Simulation, a: int, b: int) -> bool:
 
 
 @kernel
-def stand(sim: Simulation, k: int, pair: int) -> None:
+def set_entry(sim: Simulation, k: int, pair: int) -> None:
     """Write `pair` to index k."""
     sim.queue[k] = pair
     sim.pairs[pair].queue_index = k
 
 
 @kernel
-def rise(sim: Simulation, k: int) -> None:
+def sift_up(sim: Simulation, k: int) -> None:
     """Move the pair at index k towards the front until its parent comes before it."""
     pair = sim.queue[k]
     while k > 0:
         parent = (k - 1) // 2
         if not comes_before(sim, pair, sim.queue[parent]):
             break
-        stand(sim, k, sim.queue[parent])
+        set_entry(sim, k, sim.queue[parent])
         k = parent
-    stand(sim, k, pair)
+    set_entry(sim, k, pair)
 
 
 @kernel
-def sink(sim: Simulation, k: int) -> None:
+def sift_down(sim: Simulation, k: int) -> None:
     """Move the pair at index k towards the back until it comes before its children."""
     pair, count = sim.queue[k], sim.counts.queued
     while True:
@@ -49,9 +49,9 @@ def sink(sim: Simulation, k: int) -> None:
             child += 1
         if not comes_before(sim, sim.queue[child], pair):
             break
-        stand(sim, k, sim.queue[child])
+        set_entry(sim, k, sim.queue[child])
         k = child
-    stand(sim, k, pair)
+    set_entry(sim, k, pair)
 
 
 @kernel
@@ -61,9 +61,9 @@ def put(sim: Simulation, pair: int, time: float) -> None:
     if sim.pairs[pair].queue_index < 0:
         k = sim.counts.queued
         sim.counts.queued = k + 1
-        stand(sim, k, pair)
-    rise(sim, sim.pairs[pair].queue_index)
-    sink(sim, sim.pairs[pair].queue_index)
+        set_entry(sim, k, pair)
+    sift_up(sim, sim.pairs[pair].queue_index)
+    sift_down(sim, sim.pairs[pair].queue_index)
 
 
 @kernel
@@ -77,9 +77,9 @@ def take_out(sim: Simulation, pair: int) -> None:
     sim.pairs[pair].queue_index = -1
     if k < count:
         last = sim.queue[count]
-        stand(sim, k, last)
-        rise(sim, k)
-        sink(sim, sim.pairs[last].queue_index)
+        set_entry(sim, k, last)
+        sift_up(sim, k)
+        sift_down(sim, sim.pairs[last].queue_index)
 
 
 @kernel

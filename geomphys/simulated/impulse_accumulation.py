@@ -5,12 +5,12 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel
 from geomphys.numerics.row_vectors import add_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, scale
-from geomphys.simulated.state import Row, Simulation, has_changed, is_simulated
+from geomphys.simulated.state import Contact, Simulation, has_changed, is_simulated
 
 
 @kernel
-def impulse_of(r: Row) -> Vec:
-    """World impulse of row `r` on body a [N s]."""
+def impulse_of(r: Contact) -> Vec:
+    """World impulse of contact `r` on body a [N s]."""
     j = scale(vec_of(r.normal), r.normal_impulse)
     j = add_scaled(j, vec_of(r.tangent), r.tangent_impulse[0])
     return add_scaled(j, vec_of(r.binormal), r.tangent_impulse[1])
@@ -18,8 +18,8 @@ def impulse_of(r: Row) -> Vec:
 
 @kernel
 def give_velocity(sim: Simulation, k: int, j: Vec) -> None:
-    """Give the impulse j [N s] of row k to the motions of both bodies, to b's reversed."""
-    r = sim.rows[k]
+    """Give the impulse j [N s] of contact k to the motions of both bodies, to b's reversed."""
+    r = sim.contacts[k]
     m = sim.motion[r.a]
     add_vec(m.velocity, j, 1.0 * m.inverse_mass)
     add_vec(m.angular_momentum, cross(vec_of(r.arm_a), j), 1.0)
@@ -31,8 +31,8 @@ def give_velocity(sim: Simulation, k: int, j: Vec) -> None:
 
 @kernel
 def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
-    """Add the force `rate` j [N] of row k to both bodies, to b reversed; `rate` is in 1/s."""
-    r = sim.rows[k]
+    """Add the force `rate` j [N] of contact k to both bodies, to b reversed; `rate` is in 1/s."""
+    r = sim.contacts[k]
     m = sim.motion[r.a]
     add_vec(m.acceleration, j, rate * m.inverse_mass)
     add_vec(m.torque, cross(vec_of(r.arm_a), j), rate)
@@ -44,8 +44,8 @@ def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
 
 @kernel
 def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
-    """Add an impulse [N s] of row k to the totals of its point."""
-    r = sim.rows[k]
+    """Add an impulse [N s] of contact k to the totals of its point."""
+    r = sim.contacts[k]
     slot = sim.slots[r.pair, r.slot]
     slot.normal_impulse = slot.normal_impulse + normal
     add_vec(slot.friction_impulse, friction, 1.0)
@@ -54,9 +54,9 @@ def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
 
 @kernel
 def commit(sim: Simulation) -> None:
-    """Apply the impulses of all rows to the bodies, add them to the totals of their points, and clear them."""
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    """Apply the impulses of all contacts to the bodies, add them to the totals of their points, and clear them."""
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         normal = r.normal_impulse
         if normal == 0.0 and r.tangent_impulse[0] == 0.0 and r.tangent_impulse[1] == 0.0:
             continue
@@ -67,11 +67,11 @@ def commit(sim: Simulation) -> None:
 
 
 @kernel
-def drop_rows(sim: Simulation, t: float) -> None:
-    """Add the impulses of contact forces on changed bodies until time `t` to the totals, and drop their rows."""
+def drop_contacts(sim: Simulation, t: float) -> None:
+    """Add the impulses of contact forces on changed bodies until time `t` to the totals, and drop their contacts."""
     retained = 0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         if has_changed(sim, r.a):
             slot = sim.slots[r.pair, r.slot]
             elapsed = t - r.since
@@ -80,6 +80,6 @@ def drop_rows(sim: Simulation, t: float) -> None:
                 note(sim, k, elapsed * slot.normal_force, scale(friction_force, elapsed))
             continue
         if retained < k:
-            sim.rows[retained] = sim.rows[k]
+            sim.contacts[retained] = sim.contacts[k]
         retained += 1
-    sim.counts.rows = retained
+    sim.counts.contacts = retained

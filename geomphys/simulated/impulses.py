@@ -10,7 +10,7 @@ Where two faces meet, the points of the collision get their normal impulses toge
 then their friction, by sweeps over the points. Each impulse acts on both bodies with opposite signs: momentum is kept
 to rounding; each takes energy, as (1 - ε²) and friction do.
 
-The points are the rows with `mode` > 0; their impulses so far are `normal_impulse` and `tangent_impulse`. `velocity`
+The points are the contacts with `mode` > 0; their impulses so far are `normal_impulse` and `tangent_impulse`. `velocity`
 holds six numbers a body: velocity of the reference point and angular velocity.
 """
 
@@ -23,7 +23,7 @@ from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import dot
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import apply_impulse, normal_speed, speed_at
-from geomphys.simulated.state import Row, Simulation, is_disabled
+from geomphys.simulated.state import IMPACTING, INACTIVE, Contact, Simulation, is_disabled
 
 SWEEPS = 300
 PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collision end when none changes by more
@@ -31,16 +31,16 @@ PRECISION = 1e-13  # of the fastest approach: sweeps over the points of a collis
 
 @kernel
 def exclude_disabled(sim: Simulation) -> None:
-    """Take the rows of disabled pairs out of the solve."""
-    for k in range(sim.counts.rows):
-        if is_disabled(sim, sim.rows[k].pair):
-            sim.rows[k].mode = 0
+    """Take the contacts of disabled pairs out of the solve."""
+    for k in range(sim.counts.contacts):
+        if is_disabled(sim, sim.contacts[k].pair):
+            sim.contacts[k].mode = INACTIVE
 
 
 @kernel
 def apply_tangential(sim: Simulation, velocity: Floats, k: int, x: float, y: float) -> None:
-    """Add the friction impulse (x, y) [N s] along tangent and binormal of row k."""
-    r, a, b = sim.rows[k], sim.rows[k].a, sim.rows[k].b
+    """Add the friction impulse (x, y) [N s] along tangent and binormal of contact k."""
+    r, a, b = sim.contacts[k], sim.contacts[k].a, sim.contacts[k].b
     r.tangent_impulse[0] = r.tangent_impulse[0] + x
     r.tangent_impulse[1] = r.tangent_impulse[1] + y
     apply_impulse(sim, velocity, r, a, b, 1, x)
@@ -50,7 +50,7 @@ def apply_tangential(sim: Simulation, velocity: Floats, k: int, x: float, y: flo
 @kernel
 def apply_friction_once(sim: Simulation, velocity: Floats, k: int, cap: float) -> None:
     """Friction (10) at a single point: along -v_t, at most `cap` [N s], at most what stops the sliding."""
-    r = sim.rows[k]
+    r = sim.contacts[k]
     v = speed_at(velocity, r, r.a, r.b)
     x, y = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
     speed = math.sqrt(x * x + y * y)
@@ -63,8 +63,8 @@ def apply_friction_once(sim: Simulation, velocity: Floats, k: int, cap: float) -
 
 
 @kernel
-def stopping_impulse(r: Row, vx: float, vy: float, cap: float) -> tuple[float, float]:
-    """Friction impulse (x, y) [N s] of a row that stops the sliding (vx, vy) [m/s], if it is within the disc of radius `cap`.
+def stopping_impulse(r: Contact, vx: float, vy: float, cap: float) -> tuple[float, float]:
+    """Friction impulse (x, y) [N s] of a contact that stops the sliding (vx, vy) [m/s], if it is within the disc of radius `cap`.
 
     Else one step opposite to the sliding, put back onto the disc.
     """
@@ -81,11 +81,11 @@ def stopping_impulse(r: Row, vx: float, vy: float, cap: float) -> tuple[float, f
 
 @kernel
 def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> float:
-    """One sweep's change of the friction impulse at row k within the disc of radius `cap` [N s].
+    """One sweep's change of the friction impulse at contact k within the disc of radius `cap` [N s].
 
     Returns how much it changed the sliding velocity [m/s].
     """
-    r = sim.rows[k]
+    r = sim.contacts[k]
     v = speed_at(velocity, r, r.a, r.b)
     vx, vy = dot(vec_of(r.tangent), v), dot(vec_of(r.binormal), v)
     x0, y0 = r.tangent_impulse[0], r.tangent_impulse[1]
@@ -97,11 +97,11 @@ def solve_friction(sim: Simulation, velocity: Floats, k: int, cap: float) -> flo
 
 @kernel
 def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
-    """One sweep's change of the normal impulse at row k, >= 0 in total, towards v_n >= `target_speed`.
+    """One sweep's change of the normal impulse at contact k, >= 0 in total, towards v_n >= `target_speed`.
 
     Returns how much it changed the normal velocity [m/s].
     """
-    r, a, b = sim.rows[k], sim.rows[k].a, sim.rows[k].b
+    r, a, b = sim.contacts[k], sim.contacts[k].a, sim.contacts[k].b
     mass, before = r.inverse_mass_n, r.normal_impulse
     change = (r.target_speed - normal_speed(velocity, r, a, b)) / mass
     total = min(r.impulse_limit, max(0.0, before + change))
@@ -114,15 +114,15 @@ def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
 
 @kernel
 def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
-    """Resolve one collision: the rows whose `mode` is 2, by (8)–(10).
+    """Resolve one collision: the IMPACTING contacts, by (8)–(10).
 
-    `elastic` is 1 for the restitution of the materials, 0 for none. The rows' impulses must be zero on entry.
+    `elastic` is 1 for the restitution of the materials, 0 for none. The contacts' impulses must be zero on entry.
     """
-    count = sim.counts.rows
+    count = sim.counts.contacts
     members, only, fastest = 0, -1, 0.0
     for k in range(count):
-        r = sim.rows[k]
-        if r.mode == 2:
+        r = sim.contacts[k]
+        if r.mode == IMPACTING:
             members += 1
             only = k
             v = normal_speed(velocity, r, r.a, r.b)
@@ -130,20 +130,20 @@ def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
             fastest = max(fastest, -v)
     if members == 1:
         solve_normal(sim, velocity, only)
-        apply_friction_once(sim, velocity, only, sim.rows[only].friction * sim.rows[only].normal_impulse)
+        apply_friction_once(sim, velocity, only, sim.contacts[only].friction * sim.contacts[only].normal_impulse)
         return
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(count):
-            if sim.rows[k].mode == 2:
+            if sim.contacts[k].mode == IMPACTING:
                 most = max(most, solve_normal(sim, velocity, k))
         if most <= PRECISION * fastest:
             break
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(count):
-            if sim.rows[k].mode == 2:
-                r = sim.rows[k]
+            if sim.contacts[k].mode == IMPACTING:
+                r = sim.contacts[k]
                 most = max(most, solve_friction(sim, velocity, k, r.friction * r.normal_impulse))
         if most <= PRECISION * fastest:
             break

@@ -25,7 +25,7 @@ from geomphys.numerics.vec3 import (
 )
 
 ROTATION_STEP = 0.03  # rad: one Runge-Kutta step rotates no further; its error per radian is then below 1e-8
-MOST_STEPS = 20000  # Runge-Kutta steps of a call: bodies that rotate faster get larger ones
+MAX_STEPS = 20000  # Runge-Kutta steps of a call: bodies that rotate faster get larger ones
 
 
 @kernel
@@ -85,7 +85,7 @@ def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -
         return quat_unit(quat_mul(quat_from_rotation_vector((k * momentum[0], k * momentum[1], k * momentum[2])), q))
     least = min(inertia[0], min(inertia[1], inertia[2]))
     angle = (norm(momentum) + norm(torque) * h) * h / least
-    count = max(1, math.ceil(min(angle / ROTATION_STEP, MOST_STEPS)))
+    count = max(1, math.ceil(min(angle / ROTATION_STEP, MAX_STEPS)))
     step = h / count
     for k in range(count):
         l0 = add_scaled(momentum, torque, k * step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.simulated.contact_points import NEAR
 from geomphys.simulated.state import AWAKE, Simulation, has_changed, is_disabled, is_simulated
 from geomphys.simulated.time_of_impact import measure_pair
@@ -28,7 +28,7 @@ def are_connected(sim: Simulation, pair: int, t: float) -> bool:
     return sim.pairs[pair].distance <= NEAR
 
 
-@outlined
+@noinline
 def mark_connected(sim: Simulation, pair: int, t: float) -> None:
     """Mark as changed the bodies, and no others, that the impact of a pair at time `t` of the frame concerns."""
     for s in range(len(sim.free)):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from geomphys.collision.penetration import separation
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, set_vec, vec_of
 from geomphys.scene.arrays import DRIVEN
-from geomphys.simulated.contact_points import add_rows, clear_impulse
-from geomphys.simulated.impulse_accumulation import drop_rows
+from geomphys.simulated.contact_points import add_contacts, clear_impulse
+from geomphys.simulated.impulse_accumulation import drop_contacts
 from geomphys.simulated.position_projection import LEFT, TOUCHING, project_positions
 from geomphys.simulated.state import COUPLED, Simulation, has_changed, is_simulated
 from geomphys.simulated.time_of_impact import pose_pair
@@ -41,14 +41,14 @@ def deepest_inside(sim: Simulation, t: float) -> float:
 @kernel
 def clear_together(sim: Simulation, t: float, tolerance: float) -> None:
     """Move changed bodies out of overlaps deeper than `tolerance` [m], by the contact points of all pairs together."""
-    drop_rows(sim, t)
+    drop_contacts(sim, t)
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
-            add_rows(sim, k, t)
+            add_contacts(sim, k, t)
     project_positions(sim, tolerance)
-    for k in range(sim.counts.rows):
-        clear_impulse(sim.rows[k])
-    sim.counts.rows = 0
+    for k in range(sim.counts.contacts):
+        clear_impulse(sim.contacts[k])
+    sim.counts.contacts = 0
 
 
 @kernel
@@ -68,7 +68,7 @@ def clear_pair_by_pair(sim: Simulation, t: float, tolerance: float) -> float:
     return deepest
 
 
-@outlined
+@noinline
 def clear_overlaps(sim: Simulation, t: float, activation: int) -> None:
     """Move the bodies of one `activation` out of overlap with what is not driven, at time `t` of the frame.
 

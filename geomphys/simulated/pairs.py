@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import (
     norm,
@@ -141,7 +141,7 @@ def save_pairs(sim: Simulation) -> None:
     sim.counts.pairs = 0
 
 
-@outlined
+@noinline
 def find_pairs(sim: Simulation, t: float, until: float) -> None:
     """List the pairs of pieces, one of a simulated body, that may come into contact between times `t` and `until` of the frame.
 

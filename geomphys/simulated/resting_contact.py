@@ -9,23 +9,23 @@ parabola, and the force on a body at rest is exactly its weight.
 
 from __future__ import annotations
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec_from, set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, norm, quat_conjugate, quat_mul, quat_rotate, scale, sub
 from geomphys.simulated.contact_points import apply_impulses, clear_impulse, fill_masses, normal_speed, speed_at
+from geomphys.simulated.contact_solver import solve_contacts
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit, give_force, impulse_of
 from geomphys.simulated.impulses import exclude_disabled
 from geomphys.simulated.motion import load_velocities, orientation_at, plan
-from geomphys.simulated.settling import settle
-from geomphys.simulated.state import Simulation, has_changed, is_disabled, is_simulated
+from geomphys.simulated.state import ACTIVE, INACTIVE, Simulation, has_changed, is_disabled, is_simulated
 
 SWEEPS = 400  # sweeps at most; the rest is small, and the next step starts from there
 FEW_SWEEPS = 60  # sweeps at most after an impact within the step
 APPROACH = 2e-4  # m/s: touching points that approach no faster are stopped within the step
 FAINT = 5e-3  # m/s: points that separate no faster are solved as if they did not
 WEIGHT_TIME = 0.01  # s: more than twice the longest step
-MOST_SOLVES = 4  # solves of a step; each disables pairs that the next leaves out
+MAX_SOLVES = 4  # solves of a step; each disables pairs that the next leaves out
 ALONG = 0.1  # of the angular velocity of its support: a body that rotates otherwise does not move along with it
 
 
@@ -36,8 +36,8 @@ def set_limits(sim: Simulation) -> None:
     Such a body may press another against a fixed one, where no impulse is enough. The bound is four times what stops the
     whole island's approach and supports its weight.
     """
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         a, b = r.a, r.b
         if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
@@ -47,36 +47,36 @@ def set_limits(sim: Simulation) -> None:
 
 
 @kernel
-def clear_rows(sim: Simulation) -> None:
-    """Set the impulses of the rows of changed bodies to zero."""
-    for k in range(sim.counts.rows):
-        if has_changed(sim, sim.rows[k].a):
-            clear_impulse(sim.rows[k])
+def clear_impulses_of_contacts(sim: Simulation) -> None:
+    """Set the impulses of the contacts of changed bodies to zero."""
+    for k in range(sim.counts.contacts):
+        if has_changed(sim, sim.contacts[k].a):
+            clear_impulse(sim.contacts[k])
 
 
 @kernel
 def disable_squeezed(sim: Simulation) -> bool:
     """Disable pairs whose body with prescribed motion would need more than its bound. Returns whether there were any."""
     any_disabled = False
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
-        if r.mode == 1 and r.normal_impulse >= 0.999 * r.impulse_limit:
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
+        if r.mode == ACTIVE and r.normal_impulse >= 0.999 * r.impulse_limit:
             sim.pairs[r.pair].disabled = 1
             any_disabled = True
     exclude_disabled(sim)
     return any_disabled
 
 
-@outlined
+@noinline
 def stop_slow_approach(sim: Simulation) -> None:
     """Stop the approach at all touching points of changed bodies together, with ε = 0, unless it is slower than `APPROACH`."""
     least = 0.0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         a, b = r.a, r.b
         on = has_changed(sim, a) and r.clearance <= sim.frame.touch
         on = on and not is_disabled(sim, r.pair)
-        r.mode = 1 if on else 0
+        r.mode = ACTIVE if on else INACTIVE
         r.target_speed = 0.0
         if on:
             v = normal_speed(sim.velocity, r, a, b)
@@ -85,17 +85,17 @@ def stop_slow_approach(sim: Simulation) -> None:
     if least >= -APPROACH:
         return
     set_limits(sim)
-    for _ in range(MOST_SOLVES):
-        settle(sim, SWEEPS, APPROACH, False)
+    for _ in range(MAX_SOLVES):
+        solve_contacts(sim, SWEEPS, APPROACH, False)
         if not disable_squeezed(sim):
             break
-        clear_rows(sim)
+        clear_impulses_of_contacts(sim)
         load_velocities(sim)
     commit(sim)
 
 
 @kernel
-def choose_held(sim: Simulation, h: float) -> None:
+def choose_active_contacts(sim: Simulation, h: float) -> None:
     """Mark the points that contact forces act at over the next `h` seconds, and set their target velocities.
 
     Points that do not touch, but others of their pair do, are among them if they approach below the restitution threshold.
@@ -103,14 +103,14 @@ def choose_held(sim: Simulation, h: float) -> None:
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
             sim.pairs[k].resting = 0
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         touches = r.clearance <= sim.frame.touch
         if touches and has_changed(sim, r.a) and not is_disabled(sim, r.pair):
             sim.pairs[r.pair].resting = 1
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
-        r.mode = 0
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
+        r.mode = INACTIVE
         if has_changed(sim, r.a) and not is_disabled(sim, r.pair):
             speed = speed_at(sim.velocity, r, r.a, r.b)
             v, clearance = dot(speed, vec_of(r.normal)), r.clearance
@@ -120,14 +120,14 @@ def choose_held(sim: Simulation, h: float) -> None:
                 r.speed = norm(speed)
                 separating_speed = v if v > FAINT else 0.0
                 r.target_speed = -2.0 * max(0.0, clearance - sim.frame.gap) / h - separating_speed
-                r.mode = 1
+                r.mode = ACTIVE
                 sim.pairs[r.pair].resting = 1
 
 
 @kernel
 def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
-    """Warm start: set and apply the impulses of row k that its point's forces of the step before give over `h` seconds."""
-    r = sim.rows[k]
+    """Warm start: set and apply the impulses of contact k that its point's forces of the step before give over `h` seconds."""
+    r = sim.contacts[k]
     slot = sim.slots[r.pair, r.slot]
     f = vec_of(slot.friction_force)
     r.normal_impulse = min(r.impulse_limit, h * slot.normal_force)
@@ -140,8 +140,8 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
 
 @kernel
 def keep_force(sim: Simulation, k: int, h: float) -> None:
-    """Convert the impulses of row k to constant forces over `h` seconds: of its point, and on both bodies."""
-    r = sim.rows[k]
+    """Convert the impulses of contact k to constant forces over `h` seconds: of its point, and on both bodies."""
+    r = sim.contacts[k]
     j, normal = impulse_of(r), r.normal_impulse
     give_force(sim, k, j, 1.0 / h)
     slot = sim.slots[r.pair, r.slot]
@@ -178,11 +178,11 @@ def advance_arms(sim: Simulation, t: float, h: float) -> None:
     Velocities at both ends of the step then have the directions of both ends, and a body on a turntable moves along
     its circle; otherwise the table would throw it outwards by ω² r h.
     """
-    for k in range(sim.counts.rows):
-        r = sim.rows[k]
+    for k in range(sim.counts.contacts):
+        r = sim.contacts[k]
         path = sim.motion[r.b]
         omega = vec_of(path.rotation_rate)
-        if r.mode == 0 or is_simulated(sim, r.b) or omega == (0.0, 0.0, 0.0):
+        if r.mode == INACTIVE or is_simulated(sim, r.b) or omega == (0.0, 0.0, 0.0):
             continue
         if not rotates_with(vec_of(sim.motion[r.a].angular_velocity), omega):
             continue
@@ -192,29 +192,29 @@ def advance_arms(sim: Simulation, t: float, h: float) -> None:
         fill_masses(sim.motion[r.a], path, r)
 
 
-@outlined
-def hold(sim: Simulation, t: float, h: float, sweeps: int) -> None:
+@noinline
+def solve_resting_contact(sim: Simulation, t: float, h: float, sweeps: int) -> None:
     """Contact forces on the changed bodies from time `t` of the frame for `h` seconds, and their motions under them.
 
     Points that touch or approach slowly are solved; faster ones are left to collide. `velocity` of the state
     must be the present velocities.
     """
     set_limits(sim)
-    choose_held(sim, h)
+    choose_active_contacts(sim, h)
     advance_arms(sim, t, h)
-    count = sim.counts.rows
-    for _ in range(MOST_SOLVES):
+    count = sim.counts.contacts
+    for _ in range(MAX_SOLVES):
         fall(sim, t, h)
         for k in range(count):
-            if sim.rows[k].mode == 1:
+            if sim.contacts[k].mode == ACTIVE:
                 begin_with_old_force(sim, k, h)
-        settle(sim, sweeps, 0.0, True)
+        solve_contacts(sim, sweeps, 0.0, True)
         if not disable_squeezed(sim):
             break
-        clear_rows(sim)
+        clear_impulses_of_contacts(sim)
         load_velocities(sim)
     for k in range(count):
-        if has_changed(sim, sim.rows[k].a):
+        if has_changed(sim, sim.contacts[k].a):
             keep_force(sim, k, h)
     for s in range(len(sim.free)):
         if has_changed(sim, sim.free[s]):

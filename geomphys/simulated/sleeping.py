@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat_from, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Floats
@@ -87,7 +87,7 @@ def lay_to_rest(sim: Simulation, body: int) -> None:
     set_vec(m.angular_velocity, nothing)
 
 
-@outlined
+@noinline
 def wake(sim: Simulation, first: bool) -> bool:
     """Decide which bodies are awake, from the pairs just found.
 

@@ -77,21 +77,27 @@ BODY = np.dtype(
         ("island_put_back", INT),  # 1: that island goes back to its poses at the frame's start
         ("fresh", INT),  # 1: placed by the caller, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
-        ("disturbed", INT),  # number of the visit to a row that last changed its velocity while rows were solved
-        ("contact_group", INT),  # towards the first of the bodies that rows being solved connect
-        ("row_count", INT),  # rows of the group that the body stands for
-        ("row_end", INT),  # one past the last of them in `order`
+        (
+            "disturbed",
+            INT,
+        ),  # number of the visit to a contact that last changed its velocity while contacts were solved
+        ("contact_group", INT),  # towards the first of the bodies that contacts being solved connect
+        ("contact_count", INT),  # contacts of the group that the body stands for
+        ("contact_end", INT),  # one past the last of them in `order`
     ]
 )
 """Role of a body, and its state in this frame."""
 
-ROW = np.dtype(
+INACTIVE, ACTIVE, IMPACTING = range(3)
+"""Modes of a contact."""
+
+CONTACT = np.dtype(
     [
         ("pair", INT),
         ("a", INT),  # bodies
         ("b", INT),
         ("slot", INT),  # of the pair
-        ("mode", INT),  # 0: left out, 1: solved, 2: takes part in a collision
+        ("mode", INT),  # INACTIVE: left out, ACTIVE: solved, IMPACTING: takes part in a collision
         ("visit", INT),  # number of the last visit to it
         ("normal", FLOAT, 3),  # unit, out of b into a
         ("tangent", FLOAT, 3),
@@ -121,11 +127,11 @@ ROW = np.dtype(
         ("point", FLOAT, 3),  # m, world
         ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity prescribed by the recording
         ("idle", INT),  # 1: had no impulse when last visited, and is not visited in most sweeps
-        ("first_effect", INT),  # its rows of `EFFECT`: responses of driven trees' unknowns
+        ("first_effect", INT),  # its entries of `EFFECT`: responses of driven trees' unknowns
         ("end_effect", INT),
         ("slip_debt", FLOAT, 3),  # m, world: drift of the point while it stuck
         ("tangent_target", FLOAT, 2),  # m/s: sliding velocity that friction seeks
-        ("swept", FLOAT, 3),  # N s along the three axes: impulses after the last two sweeps
+        ("previous_impulse", FLOAT, 3),  # N s along the three axes: impulses after the last two sweeps
         ("extrapolated", FLOAT, 3),  # N s: impulses that these sweeps began with
     ]
 )
@@ -181,7 +187,7 @@ COUNTS = np.dtype(
     [
         ("pairs", INT),
         ("old_pairs", INT),
-        ("rows", INT),
+        ("contacts", INT),
         ("queued", INT),
         ("lost", INT),  # pairs and contact points beyond the capacity of their table
     ]
@@ -230,7 +236,7 @@ AABB = np.dtype(
 
 Records: TypeAlias = NDArray[Any]
 Motion: TypeAlias = Any  # a record of `MOTION`
-Row: TypeAlias = Any  # of `ROW`
+Contact: TypeAlias = Any  # of `CONTACT`
 Slot: TypeAlias = Any  # of `SLOT`
 Aabb: TypeAlias = Any  # of `AABB`
 
@@ -268,8 +274,8 @@ class Simulation(NamedTuple):
     body_boxes: Records  # (B,) AABB
     old_pairs: Records  # (N + 1,) PAIR
     old_pair_slots: Records  # (N + 1, 4) SLOT
-    rows: Records  # (K,) ROW
-    order: Ints  # (K,) rows by groups of bodies in contact, while they are solved
+    contacts: Records  # (K,) CONTACT
+    order: Ints  # (K,) contacts by groups of bodies in contact, while they are solved
     velocity: Floats  # (B, 6) velocities while contact points are solved
     displacement: Floats  # (B, 6) displacements of position projection
     island_mass: Floats  # (B,) kg: of the island with this label

@@ -18,14 +18,14 @@ import math
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import separate
 from geomphys.collision.support import Shapes
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, sub
 from geomphys.simulated.motion import angular_speed_bound, point_at, pose_piece, rotation_at
 from geomphys.simulated.state import Motion, Simulation
 
-MOST_SPANS = 200
-MOST_TRIES = 60
+MAX_SPANS = 200
+MAX_TRIES = 60
 LOOK_FAR = 1e-3  # m: for pairs farther apart a lower bound of the distance is enough
 
 
@@ -43,7 +43,7 @@ def measure_pair(sim: Simulation, pair: int, t: float) -> tuple[float, Vec, Vec,
     return measure_pair_within(sim, pair, t, LOOK_FAR)
 
 
-@outlined
+@noinline
 def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tuple[float, Vec, Vec, Vec]:
     """Separation [m], normal out of b into a, and witness points of a pair at time `t`; cached with the pair.
 
@@ -99,7 +99,7 @@ def reach_along(sim: Simulation, pair: int, n: Vec) -> float:
     return gap_along(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], n)
 
 
-@outlined
+@noinline
 def span(sim: Simulation, pair: int, n: Vec, f0: float, t0: float, t1: float, enough: float) -> tuple[float, float]:
     """Separation along a direction, and how low it may have been since `t0`.
 
@@ -150,7 +150,7 @@ def free_until(
     separation along n is about the target there.
     """
     ahead = t1
-    for _ in range(MOST_TRIES):
+    for _ in range(MAX_TRIES):
         f, low = span(sim, pair, n, f0, t0, ahead, target - slack)
         if f >= target and low >= target - slack:
             return ahead
@@ -161,7 +161,7 @@ def free_until(
     return ahead
 
 
-@outlined
+@noinline
 def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float, slack: float) -> float:
     """When the pieces of a pair first are `target` apart.
 
@@ -187,7 +187,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     s, n = cached.distance, vec_of(cached.axis)
     if cached.measured_at != t0:
         s, n, _, _ = measure_pair(sim, pair, t)
-    for _ in range(MOST_SPANS):
+    for _ in range(MAX_SPANS):
         if s <= target + slack:
             return t
         after = free_until(sim, pair, n, s, t, t1, target, slack)

@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
 from geomphys.results import FLAG_IMPACT_BOUND, FLAG_TABLE_FULL
 from geomphys.simulated.collisions import resolve
-from geomphys.simulated.contact_points import add_rows
+from geomphys.simulated.contact_points import add_contacts
 from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
 from geomphys.simulated.frame import begin, finish, mark_all, put_back, undo_put_back
 from geomphys.simulated.impact_queue import empty_queue, put, take_out
-from geomphys.simulated.impulse_accumulation import drop_rows
+from geomphys.simulated.impulse_accumulation import drop_contacts
 from geomphys.simulated.islands import concerns_changed, mark_connected
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.overlap_clearing import clear_overlaps
 from geomphys.simulated.pairs import any_beyond_range, find_pairs
 from geomphys.simulated.position_projection import TOUCHING, any_short, project_positions
-from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, hold
+from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, solve_resting_contact
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import AWAKE, Simulation, has_changed, is_disabled, is_simulated
 from geomphys.simulated.time_of_impact import first_touch, measure_pair
@@ -32,8 +32,8 @@ from geomphys.simulated.time_of_impact import first_touch, measure_pair
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 STEP_TOLERANCE = 0.01  # fraction of a step by which one may be longer: times of messages are rounded
 ROTATION_PER_STEP = 0.1  # rad: a body that may touch something rotates no further in a step
-LEAST_STEP = 1e-6  # s
-LEAST_RESTITUTION_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
+MIN_STEP = 1e-6  # s
+MIN_RESTITUTION_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
 MAX_ENCOUNTERS = 40  # impacts of a pair in a step, if one has prescribed motion: beyond, the pair is disabled
 APPROACH_IF_FAST = 3.0  # gaps: how far surfaces in resting contact may approach in a step if one is faster than `SLOW`
@@ -44,27 +44,27 @@ DEEP = 3.0  # gaps: an overlap that linearised contacts no longer describe
 
 
 @kernel
-def build_contact_rows(sim: Simulation, t: float) -> float:
+def build_contacts(sim: Simulation, t: float) -> float:
     """Find the contact points of changed bodies at time `t`. Returns the least clearance among them [m]."""
-    drop_rows(sim, t)
-    first = sim.counts.rows
+    drop_contacts(sim, t)
+    first = sim.counts.contacts
     for k in range(sim.counts.pairs):
         if has_changed(sim, sim.pairs[k].body[0]):
-            add_rows(sim, k, t)
+            add_contacts(sim, k, t)
     least = math.inf
-    for k in range(first, sim.counts.rows):
-        least = min(least, sim.rows[k].clearance)
+    for k in range(first, sim.counts.contacts):
+        least = min(least, sim.contacts[k].clearance)
     return least
 
 
-@outlined
+@noinline
 def project_out_of_overlap(sim: Simulation, t: float) -> float:
     """Find the contact points of the changed bodies at time `t` and move the bodies until none of them overlaps.
 
     Returns the least clearance that is left [m]: as measured, or to first order where the overlap was shallow.
     """
     tolerance = TOUCHING * sim.frame.gap
-    least = build_contact_rows(sim, t)
+    least = build_contacts(sim, t)
     for _ in range(PROJECTION_ROUNDS):
         if not any_short(sim, tolerance):
             break
@@ -74,7 +74,7 @@ def project_out_of_overlap(sim: Simulation, t: float) -> float:
                 sim.pairs[k].measured_at = -1.0
         if least >= -DEEP * sim.frame.gap:
             return projected
-        least = build_contact_rows(sim, t)
+        least = build_contacts(sim, t)
     return least
 
 
@@ -124,7 +124,7 @@ def longest_step(sim: Simulation, left: float) -> float:
             if is_simulated(sim, body) and sim.arm[p.piece[side]] > 0.0:
                 omega = norm(vec_of(sim.motion[body].angular_velocity))
                 if omega * h > ROTATION_PER_STEP:
-                    h = max(LEAST_STEP, ROTATION_PER_STEP / omega)
+                    h = max(MIN_STEP, ROTATION_PER_STEP / omega)
     return h
 
 
@@ -133,7 +133,7 @@ def refresh_pairs(sim: Simulation, t: float, until: float) -> None:
     """Search again for pairs that may touch between times `t` and `until` of the frame; all bodies then count as changed."""
     mark_all(sim)
     move_bases(sim, t)
-    drop_rows(sim, t)
+    drop_contacts(sim, t)
     find_pairs(sim, t, until)
     wake(sim, False)
     mark_all(sim)
@@ -141,7 +141,7 @@ def refresh_pairs(sim: Simulation, t: float, until: float) -> None:
     empty_queue(sim)
 
 
-@outlined
+@noinline
 def advance_step(sim: Simulation, t0: float, t1: float, max_collisions: int, max_events: int) -> tuple[int, int, bool]:
     """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
 
@@ -161,7 +161,7 @@ def advance_step(sim: Simulation, t0: float, t1: float, max_collisions: int, max
         done, full = resolve(sim, t, max_collisions - collisions)
         collisions += done
         bounded = bounded or full
-        hold(sim, t, t1 - t, SWEEPS if events == 0 else FEW_SWEEPS)
+        solve_resting_contact(sim, t, t1 - t, SWEEPS if events == 0 else FEW_SWEEPS)
         if any_beyond_range(sim, t):
             refresh_pairs(sim, t, sim.frame.span_end)
             note_energies(sim)  # islands have changed
@@ -242,7 +242,7 @@ def enable_pairs(sim: Simulation) -> bool:
     return any_disabled
 
 
-@outlined
+@noinline
 def project_or_put_back(sim: Simulation) -> None:
     """Move bodies that overlap one of prescribed motion at the frame's end out of it, or back to their poses at its start.
 
@@ -257,19 +257,19 @@ def project_or_put_back(sim: Simulation) -> None:
     least = project_out_of_overlap(sim, dt)
     if least >= deep:
         return
-    for k in range(sim.counts.rows):
-        if sim.rows[k].clearance < deep:
-            sim.bodies[sim.bodies[sim.rows[k].a].island].island_put_back = 1
+    for k in range(sim.counts.contacts):
+        if sim.contacts[k].clearance < deep:
+            sim.bodies[sim.bodies[sim.contacts[k].a].island].island_put_back = 1
     for s in range(len(sim.free)):
         if is_put_back(sim, sim.free[s]):
             put_back(sim, sim.free[s])
-    if build_contact_rows(sim, dt) < least:
+    if build_contacts(sim, dt) < least:
         for s in range(len(sim.free)):
             if is_put_back(sim, sim.free[s]):
                 undo_put_back(sim, sim.free[s])
 
 
-@outlined
+@noinline
 def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
     """Begin a frame, or a further part of one: find pairs that may touch, and bodies that are awake.
 
@@ -295,13 +295,13 @@ def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
     f = sim.frame
     f.dt, f.gap, f.touch = dt, gap, TOUCH * gap
     f.weight = norm(vec_of(sim.gravity))
-    f.restitution_threshold = max(LEAST_RESTITUTION_THRESHOLD, 2.0 * f.weight * STEP)
+    f.restitution_threshold = max(MIN_RESTITUTION_THRESHOLD, 2.0 * f.weight * STEP)
     begin(sim, goes_on)
     find_pairs(sim, 0.0, dt)
     return wake(sim, True)
 
 
-@outlined
+@noinline
 def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[int, int]:
     """Move the simulated bodies that are AWAKE through the frame that `begin_frame` began, and end it.
 
@@ -324,7 +324,7 @@ def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[in
     if any_awake and sim.counts.lost == 0:
         collisions, flags, t = advance_frame(sim, max_collisions)
         mark_all(sim)
-        drop_rows(sim, t)
+        drop_contacts(sim, t)
         if enable_pairs(sim) or flags != 0:
             project_or_put_back(sim)
     if sim.counts.lost > 0:

@@ -20,7 +20,7 @@ from geomphys.collision.detect import (
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import make_boxes
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import DRIVEN, FIXED
@@ -35,20 +35,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return play(tmp_path_factory.mktemp("detect"), random_scene(21, 40, driven=4))
 
 
-def near_of(run: Run, machine: object, frame: int) -> dict[tuple[int, int], float]:
+def near_of(run: Run, data: object, frame: int) -> dict[tuple[int, int], float]:
     """Overlapping pairs of pieces in a recorded frame and their separations [m]."""
-    packed, f = pack(machine), run.results[frame].frame
+    packed, f = pack(data), run.results[frame].frame
     pose_recording(pack(run.world.scene), packed, f.roots, f.angles)
     measure_recorded(pack(run.world.scene), packed)
-    near = machine.workspace.near
+    near = data.workspace.near
     return {(int(near.a[k]), int(near.b[k])): float(near.separation[k]) for k in range(near.counts["filled"])}
 
 
 def test_no_overlap_is_missed_and_none_invented(run: Run) -> None:
-    engine, machine = Engine(run.world), make_machine(run.world.scene)
+    engine, data = Engine(run.world), make_replay_data(run.world.scene)
     total = 0
     for frame in range(len(run.results)):
-        found = {tuple(sorted(pair)): s for pair, s in near_of(run, machine, frame).items()}
+        found = {tuple(sorted(pair)): s for pair, s in near_of(run, data, frame).items()}
         frames = engine.frames(run.recorded[frame])
         for i, j in engine.pairs:
             gap = engine.gap(i, j, frames)
@@ -61,17 +61,17 @@ def test_no_overlap_is_missed_and_none_invented(run: Run) -> None:
 
 
 def test_pairs_of_fixed_things_are_not_looked_at(run: Run) -> None:
-    machine = make_machine(run.world.scene)
+    data = make_replay_data(run.world.scene)
     role = run.world.scene.bodies.role[run.world.scene.pieces.body]
     for frame in range(0, 40, 4):
-        assert not any(role[a] == FIXED and role[b] == FIXED for a, b in near_of(run, machine, frame))
+        assert not any(role[a] == FIXED and role[b] == FIXED for a, b in near_of(run, data, frame))
 
 
 def test_losing_remembered_directions_costs_no_answer(run: Run) -> None:
-    warm = make_machine(run.world.scene)
+    warm = make_replay_data(run.world.scene)
     for frame in range(40):
         with_memory = near_of(run, warm, frame)
-        without = near_of(run, make_machine(run.world.scene), frame)
+        without = near_of(run, make_replay_data(run.world.scene), frame)
         assert list(with_memory) == list(without)  # the same order too
         assert list(with_memory.values()) == pytest.approx(list(without.values()), abs=1e-9)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Sphere
@@ -12,8 +12,8 @@ from tests.simulated.scenes import Thing, floor, make_scene
 
 
 @pytest.fixture
-def table() -> tuple[object, object, Machine]:
-    """A packed scene of three driven balls and a floor, its packed workspace, and the machine they are of."""
+def table() -> tuple[object, object, ReplayData]:
+    """A packed scene of three driven balls and a floor, its packed workspace, and the replay data that they are of."""
     scene = make_scene([*(Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(0.2 * k, 0, 0.06)) for k in range(3)), floor()])
-    machine = make_machine(scene)
-    return pack(scene), pack(machine.workspace), machine
+    data = make_replay_data(scene)
+    return pack(scene), pack(data.workspace), data

@@ -11,7 +11,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.depenetration import FARTHER, NEAREST, _direction, find_depenetration
 from geomphys.driven.reachability import clear_pairs
 from geomphys.driven.state import LOCKED, TRANSLATION
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
@@ -28,15 +28,15 @@ def freed(height: float, before: float, certified: bool) -> tuple[bool, np.ndarr
             Thing(shape=Box((0.5, 0.5, HALF_THICKNESS)), role=s.FIXED),
         ]
     )
-    machine = make_machine(scene)
-    work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
+    data = make_replay_data(scene)
+    work, packed, ws = data.workspace.work, pack(scene), pack(data.workspace)
     work.mobility[:], work.ignored[:] = (TRANSLATION, LOCKED), 0
     for posture in (work.before, work.iterate, work.trial, work.start, work.best):
-        posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
+        posture.roots[:], posture.poses[:] = scene.trees.rest, data.recorded
     work.before.roots[0, 2] = work.before.poses[0, 2] = before
     clear_pairs(ws)
     for tree in range(2):
-        update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
+        update_boxes(packed, data.workspace.piece_frames.frames, ws.detection.boxes, tree)
     free = find_depenetration(packed, ws, GAP, certified)
     assert work.mobility.tolist() == [TRANSLATION, LOCKED]
     return bool(free), work.best.roots[0, :3].copy()
@@ -84,14 +84,14 @@ def stacked(thick: float, wide: float) -> tuple[float, bool, np.ndarray]:
         (Box((1.0, 1.0, 0.5)), (0.0, 0.0, upper + 0.5)),
     ]
     scene = make_scene([Thing(shape=Sphere(RADIUS), role=s.DRIVEN), Thing(shape=slabs, role=s.FIXED)])
-    machine = make_machine(scene)
-    work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
+    data = make_replay_data(scene)
+    work, packed, ws = data.workspace.work, pack(scene), pack(data.workspace)
     work.mobility[:], work.ignored[:] = (TRANSLATION, LOCKED), 0
     for posture in (work.before, work.iterate, work.trial, work.start, work.best):
-        posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
+        posture.roots[:], posture.poses[:] = scene.trees.rest, data.recorded
     clear_pairs(ws)
     for tree in range(2):
-        update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
+        update_boxes(packed, data.workspace.piece_frames.frames, ws.detection.boxes, tree)
     found = bool(find_depenetration(packed, ws, GAP, False))
     return free, found, work.best.roots[0, :3].copy()
 

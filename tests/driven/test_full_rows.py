@@ -1,4 +1,4 @@
-"""Rows of the solvers beyond the capacity of their table: counted, flagged, and nothing passes through anything."""
+"""Rows of the solvers beyond the capacity of their table: counted, flagged, and nothing iterations through anything."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import geomphys
-from geomphys.driven.constraints import add_cones, add_pairs, request_touching
+from geomphys.driven.constraints import add_cones, add_pairs, request_pairs_in_contact
 from geomphys.driven.objective import number_unknowns
 from geomphys.driven.qp import make_quadratic, solve_quadratic
 from geomphys.driven.state import GENERAL_MOTION, TRANSLATION
 from geomphys.driven.stepping import measure_near_pairs
-from geomphys.engine.coupled_contacts import add_effect, add_limit
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.coupled_contacts import add_effect, add_inequality
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.output.summary import FLAG_NAMES
 from geomphys.results import FLAG_TABLE_FULL
@@ -25,16 +25,16 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.parametrize(("capacity", "rows", "lost"), [(4, 3, 0), (3, 3, 0), (2, 2, 1), (1, 1, 2)])
 def test_pairs_without_a_row_are_counted(
-    table: tuple[object, object, Machine], capacity: int, rows: int, lost: int
+    table: tuple[object, object, ReplayData], capacity: int, rows: int, lost: int
 ) -> None:
     """Three balls that overlap a floor."""
-    scene, _, machine = table
-    ws = machine.workspace._replace(problem=make_quadratic(9, capacity))
+    scene, _, data = table
+    ws = data.workspace._replace(problem=make_quadratic(9, capacity))
     ws.work.mobility[:3], ws.work.ignored[:] = TRANSLATION, 0
     ws.piece_frames.frames[:3, 11] = 0.045
     packed = pack(ws)
     measure_near_pairs(scene, packed, 1e-3, np.inf)
-    request_touching(packed)
+    request_pairs_in_contact(packed)
     unknowns = number_unknowns(scene, packed)
     assert add_pairs(scene, packed, packed.work.iterate, 1e-4, 0, unknowns, False) == rows
     assert ws.problem.counts["lost"] == lost
@@ -54,8 +54,8 @@ def test_bounds_without_a_row_are_counted_and_hold_all_the_same(capacity: int, l
 @pytest.mark.parametrize(("first", "lost"), [(0, 0), (1, 1)])
 def test_cones_without_a_row_are_counted(tmp_path: Path, first: int, lost: int) -> None:
     scene = shoulder(tmp_path, NOTCHED).scene
-    machine = make_machine(scene)
-    ws = machine.workspace._replace(problem=make_quadratic(10, 1))
+    data = make_replay_data(scene)
+    ws = data.workspace._replace(problem=make_quadratic(10, 1))
     ws.work.mobility[0] = GENERAL_MOTION
     packed = pack(ws)
     unknowns = number_unknowns(pack(scene), packed)
@@ -64,20 +64,20 @@ def test_cones_without_a_row_are_counted(tmp_path: Path, first: int, lost: int) 
     assert ws.problem.counts["lost"] == lost
 
 
-def test_limits_and_effects_of_the_coupled_solve_without_a_row_are_counted(
-    table: tuple[object, object, Machine],
+def test_inequalities_and_effects_of_the_coupled_solve_without_a_row_are_counted(
+    table: tuple[object, object, ReplayData],
 ) -> None:
     """Its tables hold one row each in a scene without simulated bodies."""
     coupled = table[2].coupled
     packed = pack(coupled)
     add_effect(packed, 0, 0, 0, 1.0)
-    add_limit(packed, 0, 0.1, 0.0)
+    add_inequality(packed, 0, 0.1, 0.0)
     assert coupled.solve["lost"] == 0
     add_effect(packed, 0, 1, 0, 1.0)
     assert coupled.solve["lost"] == 1
-    add_limit(packed, 0, 0.1, 0.0)
+    add_inequality(packed, 0, 0.1, 0.0)
     assert coupled.solve["lost"] == 2
-    assert (coupled.solve["effects"], coupled.solve["limits"]) == (1, 1)
+    assert (coupled.solve["effects"], coupled.solve["inequalities"]) == (1, 1)
 
 
 def test_frames_with_too_few_rows_are_flagged_and_free_of_overlap(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from geomphys.driven.grips import MEMORY, find_grips, update_mean_tips
 from geomphys.driven.links import make_links
 from geomphys.driven.weights import WEIGHTS
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
 from geomphys.scene.kinematics import pose_tree
@@ -127,22 +127,22 @@ class Hand:
         text = hand(folder).replace('root={topic="/wrist"}\njoints={topic="/angles"}\n', "")
         (folder / "scene.toml").write_text(text + bar)
         self.world = load_world(folder / "scene.toml")
-        self.machine: Machine = make_machine(self.world.scene)
-        self.scene, self.ws, self.state = map(pack, (self.world.scene, self.machine.workspace, self.machine.driven))
+        self.data: ReplayData = make_replay_data(self.world.scene)
+        self.scene, self.ws, self.state = map(pack, (self.world.scene, self.data.workspace, self.data.driven))
         self.fingers = [self.world.body_names.index(f"hand/{name}") for name in ("upper", "lower")]
         self.bar = self.world.body_names.index("bar")
 
     def poses(self, angle: float = 0.0, position: tuple[float, ...] = (0, 0, 0), turn: float = 0.0) -> np.ndarray:
         """(B, 7) with the upper finger at `angle`, the palm at a position and turned about x."""
-        out = self.machine.driven.last.poses.copy()
+        out = self.data.driven.last.poses.copy()
         roots = self.world.scene.trees.rest.copy()
         roots[0] = (*position, *Rotation.from_rotvec([turn, 0, 0]).as_quat())
-        pose_tree(self.scene, self.machine.workspace.origins, 0, roots, np.array([angle, 0.0]), out)
+        pose_tree(self.scene, self.data.workspace.origins, 0, roots, np.array([angle, 0.0]), out)
         return out
 
     def touch(self, *touches: tuple[int, float, tuple[float, float, float]]) -> None:
         """Set the recorded contacts with the bar: finger, gap, normal out of the bar."""
-        work = self.machine.workspace.work
+        work = self.data.workspace.work
         for k, (finger, gap, normal) in enumerate(touches):
             record = work.touches[k]
             record["tip"], record["body"], record["gap"], record["normal"] = self.fingers[finger], self.bar, gap, normal
@@ -150,7 +150,7 @@ class Hand:
 
     def grips(self, recorded: np.ndarray) -> bool:
         find_grips(self.scene, self.state, self.ws, recorded)
-        return bool(self.machine.workspace.work.grips[0])
+        return bool(self.data.workspace.work.grips[0])
 
 
 @pytest.mark.parametrize("steps", [1, 4, 64])
@@ -161,14 +161,14 @@ def test_the_mean_position_of_a_tip_follows_with_its_time_constant_at_every_fram
     made, seconds = Hand(tmp_path), 0.15
     tip = made.fingers[0]
     update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0, (1, 2, 3), 0.4), np.inf)
-    before = made.machine.driven.mean_tip[tip].copy()
+    before = made.data.driven.mean_tip[tip].copy()
     assert before == pytest.approx([0.03 + 0.05, 0, 0.04], abs=1e-3)  # in the palm's frame, wherever that is
     for k in range(steps):
         moved = made.poses(0.3, (0.1 * k, 0, 0), 0.2 * k)
         update_mean_tips(made.scene, made.state, made.ws, moved, seconds / steps)
-    after = made.machine.driven.mean_tip[tip].copy()
+    after = made.data.driven.mean_tip[tip].copy()
     update_mean_tips(made.scene, made.state, made.ws, made.poses(0.3), np.inf)
-    end = made.machine.driven.mean_tip[tip]
+    end = made.data.driven.mean_tip[tip]
     share = np.linalg.norm(after - before) / np.linalg.norm(end - before)
     assert share == pytest.approx(1.0 - np.exp(-seconds / MEMORY), abs=1e-12)
 
@@ -192,7 +192,7 @@ def test_tips_that_are_deep_from_opposing_sides_grip(
     poses = made.poses()
     update_mean_tips(made.scene, made.state, made.ws, poses, np.inf)
     made.touch(*touches)
-    made.machine.workspace.work.grips[0] = not grips  # of the step before
+    made.data.workspace.work.grips[0] = not grips  # of the step before
     assert made.grips(poses) == grips
 
 
@@ -215,7 +215,7 @@ def test_a_tip_that_joints_have_moved_deeper_grips(
     """The finger goes down by its joint from an angle of zero; the bar's normal is up."""
     made = Hand(tmp_path)
     update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
-    made.machine.driven.recorded.poses[:] = made.poses(before)
+    made.data.driven.recorded.poses[:] = made.poses(before)
     made.touch((0, gap, UP))
     assert made.grips(made.poses(now)) == grips
 
@@ -223,7 +223,7 @@ def test_a_tip_that_joints_have_moved_deeper_grips(
 def test_a_hand_that_is_moved_into_something_does_not_close_on_it(tmp_path: Path) -> None:
     made = Hand(tmp_path)
     update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
-    made.machine.driven.recorded.poses[:] = made.poses(0.0, (0, 0, 0.02))
+    made.data.driven.recorded.poses[:] = made.poses(0.0, (0, 0, 0.02))
     made.touch((0, DEEP, UP))
     assert not made.grips(made.poses(0.0))
 
@@ -232,7 +232,7 @@ def test_a_hand_that_is_moved_into_something_does_not_close_on_it(tmp_path: Path
 def test_a_bar_that_moves_away_faster_is_not_closed_on(tmp_path: Path, bar_moves: float, grips: bool) -> None:
     made = Hand(tmp_path)
     update_mean_tips(made.scene, made.state, made.ws, made.poses(0.0), np.inf)
-    made.machine.driven.recorded.poses[:] = made.poses(0.5 * CLOSED)
+    made.data.driven.recorded.poses[:] = made.poses(0.5 * CLOSED)
     now = made.poses(CLOSED)
     now[made.bar, 2] += bar_moves
     made.touch((0, DEEP, UP))

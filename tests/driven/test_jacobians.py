@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geomphys.driven.postures import copy_tree, joint_jacobian, make_posture, point_of
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene.arrays import JOINT_PRISMATIC
 from geomphys.scene.kinematics import joint_origins, pose_tree
@@ -33,11 +33,11 @@ def test_a_point_moves_with_a_joint_as_its_jacobian_says(tmp_path: Path, prismat
     def point(change: float) -> np.ndarray:
         moved = angles.copy()
         moved[1] += change
-        posture = make_posture(scene, make_machine(scene).recorded)
+        posture = make_posture(scene, make_replay_data(scene).recorded)
         pose_tree(packed, origins, 0, posture.roots, moved, posture.poses)
         return np.array(point_of(posture.poses, last, inside))
 
-    posture = make_posture(scene, make_machine(scene).recorded)
+    posture = make_posture(scene, make_replay_data(scene).recorded)
     pose_tree(packed, origins, 0, posture.roots, angles, posture.poses)
     velocity = (point(STEP) - point(-STEP)) / (2.0 * STEP)
     for n in np.eye(3):
@@ -47,7 +47,7 @@ def test_a_point_moves_with_a_joint_as_its_jacobian_says(tmp_path: Path, prismat
 
 def test_a_copied_tree_is_whole_and_no_other_is_touched(tmp_path: Path) -> None:
     scene = shoulder(tmp_path, NOTCHED).scene
-    source, target = (make_posture(scene, make_machine(scene).recorded) for _ in range(2))
+    source, target = (make_posture(scene, make_replay_data(scene).recorded) for _ in range(2))
     source.roots[:], source.angles[:], source.poses[:] = 1.0, 2.0, 3.0
     copy_tree(pack(scene), pack(source), 0, pack(target))
     assert (target.roots[0] == 1.0).all()

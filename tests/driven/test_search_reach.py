@@ -13,7 +13,7 @@ from geomphys.driven.reachability import clear_pairs
 from geomphys.driven.sqp import EVERY_STEP, search
 from geomphys.driven.state import LOCKED, TRANSLATION
 from geomphys.driven.stepping import pose_unlocked
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
@@ -31,19 +31,19 @@ def reached(distance: float, touching: bool) -> float:
         at=(distance + RADIUS + HALF_THICKNESS) * ALONG,
     )  # fmt: skip
     scene = make_scene([Thing(shape=Sphere(RADIUS), role=s.DRIVEN), plate])
-    machine: Machine = make_machine(scene)
-    work, packed, ws = machine.workspace.work, pack(scene), pack(machine.workspace)
+    data: ReplayData = make_replay_data(scene)
+    work, packed, ws = data.workspace.work, pack(scene), pack(data.workspace)
     work.mobility[:] = LOCKED
     work.mobility[0], work.ignored[:], work.deviation_limit[:] = TRANSLATION, 0, math.inf
     for posture in (work.before, work.iterate, work.trial, work.start):
-        posture.roots[:], posture.poses[:] = scene.trees.rest, machine.recorded
-    work.target[:] = machine.recorded
+        posture.roots[:], posture.poses[:] = scene.trees.rest, data.recorded
+    work.target[:] = data.recorded
     work.target[0, :3] += 0.4 * ALONG
     work.counts["touches"] = int(touching)
     clear_pairs(ws)
     pose_unlocked(packed, ws, ws.work.iterate)
     for tree in range(2):
-        update_boxes(packed, machine.workspace.piece_frames.frames, ws.detection.boxes, tree)
+        update_boxes(packed, data.workspace.piece_frames.frames, ws.detection.boxes, tree)
     found = search(packed, ws, np.zeros(0), 2e-6, 25, touching, False, EVERY_STEP)
     assert found.free
     return float(work.best.poses[0, :3] @ ALONG)

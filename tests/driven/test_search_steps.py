@@ -15,33 +15,33 @@ from geomphys.driven.starts import JUMP, unwrapped_change
 from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
 from geomphys.driven.stepping import gap_along_normal, measure_near_pairs, update_separations
 from geomphys.driven.targets import _set_rate_along
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from tests.driven.compound import NOTCHED, shoulder
 
-Table = tuple[Any, Any, Machine]
+Table = tuple[Any, Any, ReplayData]
 
 
-def one_free(machine: Machine) -> None:
+def one_free(data: ReplayData) -> None:
     """The first ball is solved for, everything else stays."""
-    machine.workspace.work.mobility[:] = LOCKED
-    machine.workspace.work.mobility[0] = TRANSLATION
-    machine.workspace.work.ignored[:] = 0
+    data.workspace.work.mobility[:] = LOCKED
+    data.workspace.work.mobility[0] = TRANSLATION
+    data.workspace.work.ignored[:] = 0
 
 
 @pytest.mark.parametrize("down", [0.0, 0.004, 0.009, 0.012])
 def test_separations_after_a_step_are_never_more_than_they_are(table: Table, down: float) -> None:
     """The first ball, 1 cm above the floor, moves down; what is nearer than `enough` is measured, the rest bounded."""
-    scene, ws, machine = table
-    one_free(machine)
+    scene, ws, data = table
+    one_free(data)
     measure_near_pairs(scene, ws, 0.5, math.inf)
-    near, frames = machine.workspace.near, machine.workspace.piece_frames.frames
+    near, frames = data.workspace.near, data.workspace.piece_frames.frames
     count, enough = int(near.counts["filled"]), 3e-3
-    machine.workspace.work.motion[:] = 0.0
-    machine.workspace.work.motion[0] = down
+    data.workspace.work.motion[:] = 0.0
+    data.workspace.work.motion[0] = down
     frames[0, 11] -= down
     least = update_separations(scene, ws, 0.05, enough)
-    scratch = pack(machine.detection.scratch)
+    scratch = pack(data.detection.scratch)
     true = [
         separation(scene.pieces, frames, int(a), int(b), 1.0, (0.0, 0.0, 0.0), scratch)[0]
         for a, b in zip(near.a[:count], near.b[:count], strict=True)
@@ -58,19 +58,19 @@ def test_separations_after_a_step_are_never_more_than_they_are(table: Table, dow
 def test_a_direction_says_nothing_of_a_path_with_much_rotation(
     table: Table, angle: float, motion: float, sure: bool
 ) -> None:
-    scene, ws, machine = table
-    one_free(machine)
+    scene, ws, data = table
+    one_free(data)
     measure_near_pairs(scene, ws, 0.02, math.inf)
-    work = machine.workspace.work
-    work.iterate.poses[:] = work.trial.poses[:] = machine.recorded
+    work = data.workspace.work
+    work.iterate.poses[:] = work.trial.poses[:] = data.recorded
     work.trial.poses[0, 3:] = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
     gap = gap_along_normal(scene, ws, 0, motion)
     assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
 
 
 def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> None:
-    scene, _, machine = table
-    rng, poses = np.random.default_rng(2), machine.recorded
+    scene, _, data = table
+    rng, poses = np.random.default_rng(2), data.recorded
     for _ in range(30):
         after, travel = poses.copy(), np.zeros(4, TRAVEL)
         for body in (0, 1):
@@ -118,10 +118,10 @@ def test_a_contact_gives_an_offset_the_rate_along_it_of_its_motion(
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Table:
-    """An arm of four revolute joints: its scene and workspace, packed, and the machine they are of."""
+    """An arm of four revolute joints: its scene and workspace, packed, and the replay data that they are of."""
     scene = shoulder(tmp_path_factory.mktemp("arm"), NOTCHED).scene
-    machine = make_machine(scene)
-    return pack(scene), pack(machine.workspace), machine
+    data = make_replay_data(scene)
+    return pack(scene), pack(data.workspace), data
 
 
 @pytest.mark.parametrize(
@@ -132,8 +132,8 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Table:
 def test_of_equal_angles_the_one_nearest_to_the_recording_is_taken(
     arm: Table, goal: float, recorded: float, taken: float
 ) -> None:
-    scene, ws, machine = arm
-    work = machine.workspace.work
+    scene, ws, data = arm
+    work = data.workspace.work
     work.low[:], work.high[:] = -3.05, 4.0
     work.iterate.angles[:] = goal
     choose_branch(scene, ws, 0, np.full(4, recorded), ws.work.iterate)

@@ -1,4 +1,4 @@
-"""The table of recorded contacts, and the spots where pairs touched in passes of a search before."""
+"""The table of recorded contacts, and the spots where pairs touched in iterations of a search before."""
 
 from __future__ import annotations
 
@@ -8,51 +8,51 @@ import pytest
 from geomphys.driven.constraints import _cache_spot, clear_spots, least_change
 from geomphys.driven.contacts_kept import drop_touches, store_touch
 from geomphys.driven.state import SPOTS
-from geomphys.engine.state import Machine
+from geomphys.engine.state import ReplayData
 
 UP, DOWN = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 
 
-def touches(machine: Machine) -> list[tuple[int, int, float]]:
+def touches(data: ReplayData) -> list[tuple[int, int, float]]:
     """(tip, other body, gap) of what is noted."""
-    work = machine.workspace.work
+    work = data.workspace.work
     noted = work.touches[: int(work.counts["touches"])]
     return [(int(touch["tip"]), int(touch["body"]), float(touch["gap"])) for touch in noted]
 
 
-def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, Machine]) -> None:
-    _, ws, machine = table
+def test_a_contact_is_noted_once_with_its_smallest_gap(table: tuple[object, object, ReplayData]) -> None:
+    _, ws, data = table
     for tip, gap, n in ((0, 2e-3, UP), (1, 1e-3, UP), (0, -1e-3, DOWN), (0, 5e-4, UP)):
         store_touch(ws, tip, 3, gap, n)
     store_touch(ws, 0, 2, 1e-3, UP)
-    assert touches(machine) == [(0, 3, -1e-3), (1, 3, 1e-3), (0, 2, 1e-3)]
-    assert [tuple(n) for n in machine.workspace.work.touches["normal"][:3].tolist()] == [DOWN, UP, UP]
+    assert touches(data) == [(0, 3, -1e-3), (1, 3, 1e-3), (0, 2, 1e-3)]
+    assert [tuple(n) for n in data.workspace.work.touches["normal"][:3].tolist()] == [DOWN, UP, UP]
 
 
 @pytest.mark.parametrize("tree", range(3))
 def test_the_contacts_of_one_tree_are_forgotten_and_the_others_stay(
-    table: tuple[object, object, Machine], tree: int
+    table: tuple[object, object, ReplayData], tree: int
 ) -> None:
-    scene, ws, machine = table
+    scene, ws, data = table
     noted = [(0, 3, 1e-3), (1, 3, 2e-3), (2, 3, 3e-3), (1, 2, 4e-3), (0, 1, 5e-3)]
     for tip, other, gap in noted:
         store_touch(ws, tip, other, gap, UP)
     drop_touches(scene, ws, tree)
-    assert touches(machine) == [touch for touch in noted if touch[0] != tree]
+    assert touches(data) == [touch for touch in noted if touch[0] != tree]
 
 
-def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object, object, Machine]) -> None:
-    _, ws, machine = table
+def test_a_contact_of_every_tip_with_every_body_finds_a_row(table: tuple[object, object, ReplayData]) -> None:
+    _, ws, data = table
     every = [(tip, other) for tip in range(3) for other in range(4)]
     for tip, other in every:
         store_touch(ws, tip, other, 1e-3, UP)
-    assert [touch[:2] for touch in touches(machine)] == every
-    assert len(machine.workspace.work.touches) == len(every)
+    assert [touch[:2] for touch in touches(data)] == every
+    assert len(data.workspace.work.touches) == len(every)
 
 
-def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[object, object, Machine]) -> None:
-    scene, ws, machine = table
-    near, work, poses = machine.workspace.near, machine.workspace.work, machine.recorded
+def test_spots_are_remembered_once_each_and_the_oldest_goes_first(table: tuple[object, object, ReplayData]) -> None:
+    scene, ws, data = table
+    near, work, poses = data.workspace.near, data.workspace.work, data.recorded
     near.a[0], near.b[0], near.normal[0] = 0, 3, (0.0, 0.0, 1.0)
     clear_spots(ws)
 

@@ -12,7 +12,7 @@ from geomphys.config import Config
 from geomphys.driven.coupling import relax
 from geomphys.driven.state import NEVER_FREE, STARTED_FREE
 from geomphys.driven.update import separate_driven, update_driven
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
 from geomphys.results import FLAG_NOT_CONVERGED, FLAG_STARTED_INSIDE
@@ -137,8 +137,8 @@ class Loop:
 
     def __init__(self, *things: scenes.Thing) -> None:
         self.made = scenes.make_scene(things)
-        self.machine = make_machine(self.made)
-        self.scene, self.packed = pack(self.made), pack(self.machine)
+        self.data = make_replay_data(self.made)
+        self.scene, self.packed = pack(self.made), pack(self.data)
         self.roots, self.angles = self.made.trees.rest.copy(), np.zeros(0)
 
     def update(self, dt: float = DT, **at: tuple[float, ...]) -> tuple[int, int, bool, bool]:
@@ -153,7 +153,7 @@ class Loop:
         )
 
     def position(self, tree: int) -> np.ndarray:
-        return np.asarray(self.machine.driven.last.poses[tree, :3])
+        return np.asarray(self.data.driven.last.poses[tree, :3])
 
 
 def cube(*at: float, role: int = s.DRIVEN, moving: bool = False) -> scenes.Thing:
@@ -165,9 +165,9 @@ def test_a_frame_is_taken_as_it_is_where_it_is_free_and_reachable() -> None:
     for position in ((0.1, 0.2, 0.3), (0.123, 0.2, 0.07), (-0.4, 0.2, 0.05 + 1e-5)):
         assert loop.update(t0=position) == (0, 0, True, False)
         assert loop.position(0).tolist() == list(position)
-        assert not loop.machine.driven.offset.any()
-    assert loop.machine.driven.progress["start"] == STARTED_FREE
-    assert loop.machine.driven.progress["updates"] == 3
+        assert not loop.data.driven.offset.any()
+    assert loop.data.driven.progress["start"] == STARTED_FREE
+    assert loop.data.driven.progress["updates"] == 3
 
 
 def test_a_pressed_cube_stands_on_the_floor_and_follows_across_it() -> None:
@@ -180,14 +180,14 @@ def test_a_pressed_cube_stands_on_the_floor_and_follows_across_it() -> None:
         assert (fallbacks, converged) == (0, True)
         assert loop.position(0)[:2] == pytest.approx([0.01 * k, 0], abs=2e-5)
         assert loop.position(0)[2] == pytest.approx(HALF + GAP, abs=1e-6)
-        assert loop.machine.driven.offset[0, 2] == pytest.approx(0.01 + GAP, abs=1e-6)
+        assert loop.data.driven.offset[0, 2] == pytest.approx(0.01 + GAP, abs=1e-6)
 
 
 def test_an_offset_relaxes_by_the_coupling_when_the_recording_is_free_again() -> None:
     loop = Loop(cube(0, 0, 0.2), scenes.floor())
     loop.update(t0=(0, 0, 0.2))
     loop.update(t0=(0, 0, HALF - 0.01))
-    state = loop.machine.driven
+    state = loop.data.driven
     x, v = float(state.offset[0, 2]), float(state.offset_velocity[0, 2])
     loop.update(t0=(0, 0, 0.3))
     expected, _ = relax(x, v, 0.4, 1000.0, 40.0, DT)
@@ -225,17 +225,17 @@ def test_a_first_frame_that_is_never_free_says_so_and_the_next_is_again_a_first(
     loop = Loop(cube(0, 0, 0), *plates)
     converged = loop.update()[2]
     assert not converged
-    assert loop.machine.driven.progress["start"] == NEVER_FREE
-    loop.machine.driven.offset_velocity[0] = 1.0
+    assert loop.data.driven.progress["start"] == NEVER_FREE
+    loop.data.driven.offset_velocity[0] = 1.0
     loop.update()
-    assert not loop.machine.driven.offset_velocity[0].any()
+    assert not loop.data.driven.offset_velocity[0].any()
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_cube_is_moved_out_of_what_has_moved_into_it_by_the_depth(axis: int) -> None:
     loop = Loop(cube(0, 0, 0), cube(*(-0.2 * np.eye(3)[axis]), role=s.FIXED, moving=True))
     loop.update()
-    m = loop.machine
+    m = loop.data
     m.recorded[1, axis] = -2 * HALF + 0.006
     assert separate_driven(loop.scene, loop.packed.driven, loop.packed.workspace, loop.packed.recorded, GAP) > 0
     assert loop.position(0) == pytest.approx((0.006 + GAP) * np.eye(3)[axis], abs=1e-6)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from geomphys.engine.coupled_contacts import find_limits, find_rows
-from geomphys.engine.coupled_groups import label_groups, take_group
+from geomphys.engine.coupled_contacts import find_coupled_contacts, find_inequalities
+from geomphys.engine.coupled_groups import activate_group, label_groups
 from geomphys.engine.coupled_motion import pose_driven_trees
-from geomphys.engine.coupled_step import lay_paths
+from geomphys.engine.coupled_step import predict_end_poses
 from geomphys.engine.coupled_unknowns import load_unknowns
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.engine.step import pose_recording
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
@@ -32,28 +32,28 @@ class Substep:
 
     def __init__(self, scene: s.Scene, dt: float = STEP) -> None:
         self.made, self.dt = scene, dt
-        self.machine: Machine = make_machine(scene)
-        self.scene, self.packed = pack(scene), pack(self.machine)
+        self.data: ReplayData = make_replay_data(scene)
+        self.scene, self.packed = pack(scene), pack(self.data)
         self.roots, self.angles = scene.trees.rest.copy(), np.zeros(len(scene.dofs.lower))
 
     def begin(self) -> Substep:
         """Recorded and simulated paths, pairs, and the group of all."""
-        m = self.machine
+        m = self.data
         m.start[:] = m.corrected
         pose_recording(self.scene, self.packed, self.roots, self.angles)
         load_unknowns(self.scene, self.packed, self.roots, self.angles, self.dt)
-        lay_paths(self.scene, self.packed, self.roots, self.angles, self.dt)
+        predict_end_poses(self.scene, self.packed, self.roots, self.angles, self.dt)
         begin_frame(self.packed.simulated, self.dt, GAP, False)
         assert label_groups(self.scene, self.packed)
-        take_group(self.scene, self.packed, -1)
+        activate_group(self.scene, self.packed, -1)
         return self
 
     def find_contacts(self, t: float = 0.0, margin: float = 4e-3) -> Substep:
-        """Rows and limits of a step from time `t` to the end."""
+        """Contacts and limits of a step from time `t` to the end."""
         h = self.dt - t
         pose_driven_trees(self.scene, self.packed, self.roots, self.angles, t, h, self.dt)
-        find_rows(self.scene, self.packed, t, h, margin)
-        find_limits(self.scene, self.packed, t, h, margin)
+        find_coupled_contacts(self.scene, self.packed, t, h, margin)
+        find_inequalities(self.scene, self.packed, t, h, margin)
         return self
 
     def call(self, stage: Callable[..., Any], *arguments: Any) -> Any:
@@ -61,17 +61,17 @@ class Substep:
         return stage(self.scene, self.packed, *arguments)
 
     @property
-    def rows(self) -> Any:
-        """`ROW` of each contact."""
-        sim = self.machine.simulated
-        return sim.rows[: int(sim.counts["rows"])]
+    def contacts(self) -> Any:
+        """`CONTACT` of each contact."""
+        sim = self.data.simulated
+        return sim.contacts[: int(sim.counts["contacts"])]
 
     def velocity(self, body: int) -> np.ndarray:
-        return np.asarray(self.machine.simulated.motion["velocity"][body])
+        return np.asarray(self.data.simulated.motion["velocity"][body])
 
     def unknown(self, tree: int, axis: int = 2) -> Any:
         """`UNKNOWN` of the offset of a root along a world axis."""
-        return self.machine.coupled.unknowns[3 * tree + axis]
+        return self.data.coupled.unknowns[3 * tree + axis]
 
 
 def ball_over_plate(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geomphys.engine.quarantine import FARTHEST, contain_driven, keep_posture
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.results import FLAG_QUARANTINED
 from geomphys.scene import arrays as s
@@ -25,9 +25,9 @@ class Contained:
 
     def __init__(self) -> None:
         scene = make_scene([Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(k, 0, 1)) for k in range(2)] + [floor()])
-        self.machine: Machine = make_machine(scene)
-        self.scene, self.packed = pack(scene), pack(self.machine)
-        m = self.machine
+        self.data: ReplayData = make_replay_data(scene)
+        self.scene, self.packed = pack(scene), pack(self.data)
+        m = self.data
         m.start[:2, :3] = [[0.1, 0, 1], [1.1, 0, 1]]
         m.corrected[:2, :3] = [[0.2, 0, 1], [1.2, 0, 1]]
         m.recorded[:2, :3] = [[0.3, 0, 1], [1.3, 0, 1]]
@@ -37,25 +37,23 @@ class Contained:
         m.detection.axes.rows["pair"] = 7
 
     def contain(self, first: bool = False) -> int:
-        return int(contain_driven(self.scene, self.packed, self.machine.recorded.copy(), np.zeros(0), first))
+        return int(contain_driven(self.scene, self.packed, self.data.recorded.copy(), np.zeros(0), first))
 
 
 def test_what_is_finite_stays_as_it_is() -> None:
     made = Contained()
-    before = [
-        a.copy() for a in (made.machine.corrected, made.machine.driven.offset, made.machine.driven.offset_velocity)
-    ]
+    before = [a.copy() for a in (made.data.corrected, made.data.driven.offset, made.data.driven.offset_velocity)]
     assert made.contain() == 0
-    after = (made.machine.corrected, made.machine.driven.offset, made.machine.driven.offset_velocity)
+    after = (made.data.corrected, made.data.driven.offset, made.data.driven.offset_velocity)
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
-    assert (made.machine.detection.axes.rows["pair"] == 7).all()
+    assert (made.data.detection.axes.rows["pair"] == 7).all()
 
 
 @pytest.mark.parametrize("value", BAD)
 @pytest.mark.parametrize("where", ["corrected", "offset", "offset_velocity", "translation", "angular_velocity"])
 def test_one_that_is_not_is_put_back_to_the_start_of_the_frame(where: str, value: float) -> None:
     made = Contained()
-    m = made.machine
+    m = made.data
     if where == "corrected":
         m.corrected[0, 4] = value
     elif where in ("offset", "offset_velocity"):
@@ -76,16 +74,16 @@ def test_one_that_is_not_is_put_back_to_the_start_of_the_frame(where: str, value
 
 def test_in_the_first_frame_it_is_put_where_it_was_recorded() -> None:
     made = Contained()
-    made.machine.driven.offset[0] = math.nan
+    made.data.driven.offset[0] = math.nan
     assert made.contain(first=True) == FLAG_QUARANTINED
-    assert made.machine.corrected[0].tolist() == made.machine.recorded[0].tolist()
-    assert made.machine.driven.offset[0].tolist() == [0, 0, 0]
+    assert made.data.corrected[0].tolist() == made.data.recorded[0].tolist()
+    assert made.data.driven.offset[0].tolist() == [0, 0, 0]
 
 
 def test_the_posture_to_go_back_to_is_the_last_good_one(tmp_path: Path) -> None:
-    machine = make_machine(planar_arm(tmp_path).scene)
-    packed = pack(machine)
+    data = make_replay_data(planar_arm(tmp_path).scene)
+    packed = pack(data)
     for angles in ((0.1, 0.2), (0.3, math.nan), (math.inf, 0.4)):
-        machine.driven.last.angles[:] = angles
+        data.driven.last.angles[:] = angles
         keep_posture(packed)
-    assert machine.posture.tolist() == [0.3, 0.4]
+    assert data.posture.tolist() == [0.3, 0.4]

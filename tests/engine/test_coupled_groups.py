@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from geomphys.engine.coupled_groups import label_groups, take_group
-from geomphys.engine.state import Machine, make_machine
+from geomphys.engine.coupled_groups import activate_group, label_groups
+from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Sphere
@@ -21,10 +21,10 @@ SCENE = make_scene(
 """Three driven balls and three simulated ones, each a tree and an island of its own."""
 
 
-def machine_with(pairs: list[tuple[int, int]], near: bool = False) -> Machine:
+def machine_with(pairs: list[tuple[int, int]], near: bool = False) -> ReplayData:
     """Pairs (simulated, driven) may touch; `near`: the balls are near each other."""
-    machine = make_machine(SCENE)
-    sim = machine.simulated
+    data = make_replay_data(SCENE)
+    sim = data.simulated
     for body in range(6):
         middle = 0.1 * body if near else float(body)
         sim.body_boxes[body]["low"], sim.body_boxes[body]["high"] = middle - 0.05, middle + 0.05
@@ -33,28 +33,28 @@ def machine_with(pairs: list[tuple[int, int]], near: bool = False) -> Machine:
     for k, pair in enumerate(pairs):
         sim.pairs[k]["body"] = pair
     sim.counts["pairs"] = len(pairs)
-    return machine
+    return data
 
 
-def labels(machine: Machine) -> list[int]:
+def labels(data: ReplayData) -> list[int]:
     """The labels of all trees."""
-    some = label_groups(pack(SCENE), pack(machine))
-    assert some == (machine.simulated.counts["pairs"] > 0)
-    return machine.coupled.trees["group"].tolist()
+    some = label_groups(pack(SCENE), pack(data))
+    assert some == (data.simulated.counts["pairs"] > 0)
+    return data.coupled.trees["group"].tolist()
 
 
 def test_without_pairs_there_are_no_groups() -> None:
-    machine = machine_with([])
-    assert labels(machine) == [-1] * 6
-    assert machine.simulated.bodies["activation"][3:].tolist() == [AWAKE] * 3
+    data = machine_with([])
+    assert labels(data) == [-1] * 6
+    assert data.simulated.bodies["activation"][3:].tolist() == [AWAKE] * 3
 
 
 def test_pairs_apart_are_groups_apart() -> None:
-    machine = machine_with([(3, 0), (4, 1)])
-    found = labels(machine)
+    data = machine_with([(3, 0), (4, 1)])
+    found = labels(data)
     assert found[0] == found[3] != found[1] == found[4]
     assert found[2] == found[5] == -1
-    assert machine.simulated.bodies["activation"][3:].tolist() == [IN_OTHER_GROUP, IN_OTHER_GROUP, AWAKE]
+    assert data.simulated.bodies["activation"][3:].tolist() == [IN_OTHER_GROUP, IN_OTHER_GROUP, AWAKE]
 
 
 def test_a_chain_of_pairs_is_one_group_in_any_order() -> None:
@@ -71,11 +71,11 @@ def test_driven_trees_that_come_near_are_solved_together() -> None:
 
 @pytest.mark.parametrize("group", [0, 1, -1])
 def test_one_group_takes_part_and_the_others_wait(group: int) -> None:
-    machine = machine_with([(3, 0), (4, 1)])
-    found = labels(machine)
+    data = machine_with([(3, 0), (4, 1)])
+    found = labels(data)
     label = -1 if group < 0 else found[group]
-    take_group(pack(SCENE), pack(machine), label)
+    activate_group(pack(SCENE), pack(data), label)
     takes = [group < 0 or found[k] == label for k in (0, 1)]
-    assert machine.coupled.trees["solved"].tolist() == [*map(int, takes), 0, 0, 0, 0]
-    activation = machine.simulated.bodies["activation"][3:].tolist()
+    assert data.coupled.trees["solved"].tolist() == [*map(int, takes), 0, 0, 0, 0]
+    activation = data.simulated.bodies["activation"][3:].tolist()
     assert activation == [*(COUPLED if on else IN_OTHER_GROUP for on in takes), AWAKE]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geomphys.engine.coupled_squeeze import largest_squeeze, nearest_clearance, points_within, squeeze_harder
+from geomphys.engine.coupled_squeeze import add_squeeze, largest_squeeze, nearest_clearance, points_within
 from geomphys.engine.coupled_unknowns import begin_step
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
@@ -26,15 +26,15 @@ def cube_on_plate(clearance: float, squeeze: float = SQUEEZE) -> Substep:
     )
     made.trees.squeeze[0] = squeeze
     stage = Substep(made).begin().find_contacts()
-    assert len(stage.rows) == 4
+    assert len(stage.contacts) == 4
     begin_step(stage.packed.coupled, 0, 3, STEP)
     return stage
 
 
 def pushed(stage: Substep) -> np.ndarray:
     """Impulses [N s] that the squeeze gives the three offsets of the plate."""
-    squeeze_harder(stage.scene, stage.packed.simulated, stage.packed.coupled, STEP)
-    return np.array([float(stage.unknown(0, axis)["solved"]) * IMPLICIT for axis in range(3)])
+    add_squeeze(stage.scene, stage.packed.simulated, stage.packed.coupled, STEP)
+    return np.array([float(stage.unknown(0, axis)["new_rate"]) * IMPLICIT for axis in range(3)])
 
 
 def test_a_link_that_touches_presses_by_k_times_its_squeeze() -> None:
@@ -52,12 +52,12 @@ def test_one_that_is_farther_than_its_squeeze_is_not_drawn(squeeze: float) -> No
 
 
 def test_the_nearest_points_share_the_force() -> None:
-    """Three of four points are lifted: the fourth alone passes it on, and the whole stays the same."""
+    """Three of four points are lifted: the fourth alone iterations it on, and the whole stays the same."""
     stage = cube_on_plate(GAP)
-    stage.rows["clearance"][1:] = 1e-3
-    a, b = int(stage.rows["a"][0]), int(stage.rows["b"][0])
+    stage.contacts["clearance"][1:] = 1e-3
+    a, b = int(stage.contacts["a"][0]), int(stage.contacts["b"][0])
     sim = stage.packed.simulated
-    assert nearest_clearance(sim, a, b) == stage.rows["clearance"][0]
+    assert nearest_clearance(sim, a, b) == stage.contacts["clearance"][0]
     assert nearest_clearance(sim, a, a) == np.inf
     assert points_within(sim, a, b, 5 * GAP) == 1
     assert points_within(sim, a, b, 1e-3) == 4
@@ -69,9 +69,9 @@ def test_the_largest_squeeze_is_of_trees_in_the_group_that_yield() -> None:
     stage = cube_on_plate(GAP)
     c = stage.packed.coupled
     assert largest_squeeze(stage.scene, c) == SQUEEZE
-    stage.machine.coupled.trees["solved"][0] = 0
+    stage.data.coupled.trees["solved"][0] = 0
     assert largest_squeeze(stage.scene, c) == 0.0
-    stage.machine.coupled.trees["solved"][0] = 1
+    stage.data.coupled.trees["solved"][0] = 1
     stage.made.trees.stiffness[0] = np.inf
     assert largest_squeeze(stage.scene, c) == 0.0
     assert pushed(stage).tolist() == [0, 0, 0]

@@ -7,7 +7,7 @@ import pytest
 
 from geomphys.engine.coupled_step import SUBSTEP
 from geomphys.engine.frame_buffer import Block, make_block
-from geomphys.engine.state import Machine, Method, StepParameters, make_machine
+from geomphys.engine.state import Method, ReplayData, StepParameters, make_replay_data
 from geomphys.engine.step import Recording, run_block
 from geomphys.jit.packed_records import pack
 from geomphys.results import FLAG_BLOCKED, FLAG_QUARANTINED
@@ -27,12 +27,12 @@ class Frames:
         at = (0, 0, HALF + RADIUS + clearance)
         ball = Thing(shape=Sphere(RADIUS), at=at, v=(0, 0, -speed), mass=mass, material="rubber")
         scene = make_scene([Thing(shape=Box((0.2, 0.2, HALF)), role=s.DRIVEN), ball])
-        self.machine: Machine = make_machine(scene)
-        self.block: Block = make_block(np.arange(2), self.machine.recorded.copy(), 0, frames=1)
-        self.scene, self.packed, self.packed_block = pack(scene), pack(self.machine), pack(self.block)
+        self.data: ReplayData = make_replay_data(scene)
+        self.block: Block = make_block(np.arange(2), self.data.recorded.copy(), 0, frames=1)
+        self.scene, self.packed, self.packed_block = pack(scene), pack(self.data), pack(self.block)
         self.roots = scene.trees.rest[None].copy()
         self.step()
-        self.machine.velocity[1, 2] = -speed  # nothing moves in a first frame
+        self.data.velocity[1, 2] = -speed  # nothing moves in a first frame
 
     def step(self) -> int:
         """The flags of a frame."""
@@ -45,9 +45,9 @@ class Frames:
 @pytest.mark.parametrize("poison", [np.nan, np.inf])
 def test_a_body_put_back_in_the_first_substep(poison: float) -> None:
     frames = Frames(1e-3, 0.0, 0.05)
-    frames.machine.driven.offset[0, 2] = poison
+    frames.data.driven.offset[0, 2] = poison
     assert frames.step() & FLAG_QUARANTINED
-    assert frames.machine.coupled.solve["substep_duration"] == pytest.approx(DT / SUBSTEPS)
+    assert frames.data.coupled.solve["substep_duration"] == pytest.approx(DT / SUBSTEPS)
     assert DT / SUBSTEPS <= SUBSTEP * 1.0001
     assert not frames.step() & FLAG_QUARANTINED
 
@@ -57,9 +57,9 @@ def test_a_body_that_was_hit_is_not_blocked_though_what_hit_it_has_left() -> Non
     frames = Frames(1e-3, 2.0, 0.05)
     flags = frames.step()
     figures = frames.block.figures[0]
-    assert frames.machine.velocity[1, 2] > 0.0
+    assert frames.data.velocity[1, 2] > 0.0
     assert figures["impacts"] == 1
-    assert frames.machine.coupled.trees["touched"][0] == 0  # nor pressed in the last substep
+    assert frames.data.coupled.trees["touched"][0] == 0  # nor pressed in the last substep
     assert figures["correction"] > 1e-3
     assert frames.block.contact_end[1] > 0
     assert not flags & FLAG_BLOCKED

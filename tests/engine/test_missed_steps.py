@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geomphys.engine.missed_motion import LEAST_JUMP, MOST, SLOWEST, MissedMotion
+from geomphys.engine.missed_motion import MIN_JUMP, MOST, SLOWEST, MissedMotion
 from geomphys.results import FLAG_CATCHING_UP, Frame
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Sphere
@@ -92,7 +92,7 @@ def test_a_rotation_that_was_missed_is_caught_up_with_too() -> None:
     assert found[-1] > 0.3
 
 
-@pytest.mark.parametrize(("jump", "spread"), [(0.2, True), (0.5 * LEAST_JUMP * DT**2, False)])
+@pytest.mark.parametrize(("jump", "spread"), [(0.2, True), (0.5 * MIN_JUMP * DT**2, False)])
 def test_a_jump_of_the_tracker_is_spread_once_its_noise_is_known(jump: float, spread: bool) -> None:
     x = np.where(np.arange(300) < 150, 0.0, jump) + 1e-5 * np.sin(np.arange(300.0))
     found, _, flags = correct(x, np.zeros(300, bool), 300, [HAND, BALL, floor()])

@@ -37,13 +37,13 @@ Poison = Callable[[Any], None]
 
 
 def poisoned(monkeypatch: pytest.MonkeyPatch, poison: Poison, at: int = 3) -> None:
-    """Let a fault befall the machine ahead of the `at`-th chunk of `CHUNK` frames."""
+    """Let a fault befall the data ahead of the `at`-th chunk of `CHUNK` frames."""
     before, calls = Pipeline.run, [0]
 
     def run(self: Pipeline, *arguments: Any, **more: Any) -> int:
         calls[0] += 1
         if calls[0] == at:
-            poison(self.machine)
+            poison(self.data)
         return before(self, *arguments, **more)
 
     monkeypatch.setattr(replays, "FRAMES", CHUNK)
@@ -51,22 +51,22 @@ def poisoned(monkeypatch: pytest.MonkeyPatch, poison: Poison, at: int = 3) -> No
 
 
 def offset(value: float) -> Poison:
-    def poison(machine: Any) -> None:
-        machine.driven.offset[FINGER] = value
+    def poison(data: Any) -> None:
+        data.driven.offset[FINGER] = value
 
     return poison
 
 
 def speed(value: float) -> Poison:
-    def poison(machine: Any) -> None:
-        machine.driven.offset_velocity[FINGER] = value
+    def poison(data: Any) -> None:
+        data.driven.offset_velocity[FINGER] = value
 
     return poison
 
 
 def fall(value: float) -> Poison:
-    def poison(machine: Any) -> None:
-        machine.velocity[:, 2] = value
+    def poison(data: Any) -> None:
+        data.velocity[:, 2] = value
 
     return poison
 
@@ -157,10 +157,10 @@ def test_a_chain_is_put_back_with_its_posture(tmp_path: Path, monkeypatch: pytes
         '[[object]]\nname = "post"\nclass = "fixed"\nsphere = 0.03\nposition = [0.02, 0.0, 0.16]\nmaterial = "wood"\n'
     )  # fmt: skip
 
-    def poison(machine: Any) -> None:
-        machine.driven.general_motion.fill(1)
-        machine.driven.link_offsets["translation"] = machine.driven.link_offsets["rotation"] = value
-        machine.driven.last.angles.fill(value)
+    def poison(data: Any) -> None:
+        data.driven.general_motion.fill(1)
+        data.driven.link_offsets["translation"] = data.driven.link_offsets["rotation"] = value
+        data.driven.last.angles.fill(value)
 
     poisoned(monkeypatch, poison)
     summary = geomphys.run(tmp_path / "log.mcap", tmp_path / "scene.toml", out=tmp_path / "out.mcap")

@@ -15,11 +15,11 @@ import geomphys
 from geomphys import replays
 from geomphys.driven.postures import Posture
 from geomphys.engine.pipeline import Pipeline
-from geomphys.engine.state import Machine
+from geomphys.engine.state import ReplayData
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
 ROOT = Path(__file__).resolve().parents[2]
-CONSTANT = {"unit", "passes"}
+CONSTANT = {"unit", "iterations"}
 """Of the search's workspace: not scratch."""
 OF_PIECES = {"motion", "drift", "travel", "from_goal"}
 """Zero for ever in pieces that are not driven, but for what a moving object does in a step."""
@@ -43,23 +43,23 @@ MOTION_STATE |= {"path_velocity", "path_acceleration", "path_duration"}
 MOTION_STATE |= {"rotation_rate", "half_angular_acceleration", "step_duration"}
 """The last three are those of the last step: where pairs are searched, they bound the rotation until a step is planned."""
 BODY_SCRATCH = {"changed", "island_activation", "island_put_back", "fresh", "touched", "disturbed", "contact_group"}
-BODY_SCRATCH |= {"island", "row_count", "row_end"}
+BODY_SCRATCH |= {"island", "contact_count", "contact_end"}
 PAIR_SCRATCH = {"encounters", "resting", "queue_index", "hits", "disabled", "measured_at", "due"}
 SLOT_SCRATCH = {"normal_impulse", "friction_impulse", "normal_impulses"}
 SIMULATION_SCRATCH = (
     "frame",
     "old_pairs",
     "old_pair_slots",
-    "rows",
+    "contacts",
     "order",
     "island_mass",
     "energy",
     "queue",
     "found",
 )
-UNKNOWN_SCRATCH = {"solved", "recorded_before", "inverse_mass", "moments", "yielding"}
+UNKNOWN_SCRATCH = {"new_rate", "recorded_before", "inverse_mass", "moments", "yielding"}
 TREE_SCRATCH = {"solved", "group", "rotation_offset"}
-SOLVE_SCRATCH = {"effects", "limits", "lost", "unsettled", "any_awake"}
+SOLVE_SCRATCH = {"effects", "inequalities", "lost", "unconverged", "any_awake"}
 
 
 def spoil(values: Any, rows: Any = slice(None)) -> None:
@@ -76,9 +76,9 @@ def spoil(values: Any, rows: Any = slice(None)) -> None:
             spoil(value, rows)
 
 
-def spoil_workspace(machine: Machine, moving: Any) -> None:
+def spoil_workspace(data: ReplayData, moving: Any) -> None:
     """Spoil the driven loop's; what never moves keeps its poses in the postures of a search, as they are constant data."""
-    ws = machine.workspace
+    ws = data.workspace
     trees, bodies, pieces = moving
     for name, value in ws.work._asdict().items():
         if isinstance(value, Posture):
@@ -92,8 +92,8 @@ def spoil_workspace(machine: Machine, moving: Any) -> None:
     spoil(ws.listed)
     spoil(ws.piece_frames.moved)
     spoil(ws.row_state)
-    machine.workspace.listed.counts["filled"] = 0
-    machine.workspace.near.counts["filled"] = 0
+    data.workspace.listed.counts["filled"] = 0
+    data.workspace.near.counts["filled"] = 0
 
 
 def spoil_fields(records: Any, names: set[str], rows: Any = slice(None)) -> None:
@@ -102,9 +102,9 @@ def spoil_fields(records: Any, names: set[str], rows: Any = slice(None)) -> None
         spoil(records[name], rows if records.ndim else ...)
 
 
-def spoil_simulated(machine: Machine, scene: Scene) -> None:
+def spoil_simulated(data: ReplayData, scene: Scene) -> None:
     """Spoil the simulated loop's; of what never moves boxes, frames and motions are constant."""
-    sim = machine.simulated
+    sim = data.simulated
     bodies = scene.trees.moving[scene.bodies.tree] == 1
     pieces = bodies[scene.pieces.body]
     of_motion = set(sim.motion.dtype.names or ()) - MOTION_CONSTANT - MOTION_STATE
@@ -113,7 +113,7 @@ def spoil_simulated(machine: Machine, scene: Scene) -> None:
     spoil_fields(sim.bodies, BODY_SCRATCH, bodies)
     spoil_fields(sim.pairs, PAIR_SCRATCH)
     spoil_fields(sim.slots, SLOT_SCRATCH)
-    spoil_fields(sim.counts, {"rows", "queued", "lost", "old_pairs"})
+    spoil_fields(sim.counts, {"contacts", "queued", "lost", "old_pairs"})
     for name in SIMULATION_SCRATCH:
         spoil(getattr(sim, name))
     spoil(sim.old_slots)
@@ -124,27 +124,27 @@ def spoil_simulated(machine: Machine, scene: Scene) -> None:
         spoil(velocities, bodies)
 
 
-def spoil_coupled(machine: Machine, scene: Scene) -> None:
+def spoil_coupled(data: ReplayData, scene: Scene) -> None:
     """Spoil the coupled solve's."""
-    c, trees = machine.coupled, scene.trees.moving == 1
+    c, trees = data.coupled, scene.trees.moving == 1
     spoil_fields(c.unknowns, UNKNOWN_SCRATCH)
     spoil_fields(c.trees, TREE_SCRATCH)
     spoil_fields(c.solve, SOLVE_SCRATCH)
     spoil(c.effects)
-    spoil(c.limits)
+    spoil(c.inequalities)
     for posture in (c.begin, c.now, c.after):
         spoil(posture.roots, trees)
         spoil(posture.poses, trees[scene.bodies.tree])
         spoil(posture.angles)
 
 
-def spoil_frame(machine: Machine, scene: Scene) -> None:
+def spoil_frame(data: ReplayData, scene: Scene) -> None:
     """Spoil the frame's own; the poses, boxes and frames of simulated trees are where the last frame left them."""
     trees = (scene.trees.moving == 1) & (scene.trees.role != SIMULATED)
     bodies = trees[scene.bodies.tree]
-    pieces, boxes = bodies[scene.pieces.body], machine.detection.boxes
-    spoil(machine.recorded, bodies)
-    spoil(machine.start, scene.trees.moving[scene.bodies.tree] == 1)
+    pieces, boxes = bodies[scene.pieces.body], data.detection.boxes
+    spoil(data.recorded, bodies)
+    spoil(data.start, scene.trees.moving[scene.bodies.tree] == 1)
     for rows, names in (
         (pieces, ("piece_low", "piece_high")),
         (bodies, ("body_low", "body_high")),
@@ -152,9 +152,9 @@ def spoil_frame(machine: Machine, scene: Scene) -> None:
     ):
         for name in names:
             spoil(getattr(boxes, name), rows)
-    spoil((machine.roots, machine.angles, tuple(machine.depths), machine.detection.found))
-    spoil((tuple(machine.fingertips.recorded), tuple(machine.fingertips.corrected), machine.fingertips.is_retained))
-    for detection in (machine.detection, machine.tip_detection):
+    spoil((data.roots, data.angles, tuple(data.depths), data.detection.found))
+    spoil((tuple(data.fingertips.recorded), tuple(data.fingertips.corrected), data.fingertips.is_retained))
+    for detection in (data.detection, data.tip_detection):
         detection.axes.rows["pair"] = -1
 
 
@@ -172,11 +172,11 @@ def test_what_is_left_in_scratch_is_of_no_effect(name: str, monkeypatch: pytest.
     before = Pipeline.run
 
     def run(self: Pipeline, *arguments: Any) -> int:
-        spoil_workspace(self.machine, moving)
-        spoil_frame(self.machine, scene)
+        spoil_workspace(self.data, moving)
+        spoil_frame(self.data, scene)
         if (scene.trees.role == SIMULATED).any():
-            spoil_simulated(self.machine, scene)
-            spoil_coupled(self.machine, scene)
+            spoil_simulated(self.data, scene)
+            spoil_coupled(self.data, scene)
         return before(self, *arguments)
 
     monkeypatch.setattr(Pipeline, "run", run)

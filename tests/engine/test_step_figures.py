@@ -10,7 +10,7 @@ import pytest
 
 from geomphys.driven.groups import INTERPOLATED, LEAST_DISTANCE, Outcome, combine, store_method
 from geomphys.engine.frame_buffer import FIGURES, is_full, make_block, write_depths
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_correction
 from geomphys.errors import GeomphysError
 from geomphys.jit.packed_records import pack
@@ -25,25 +25,25 @@ BALLS = [Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(0.2 * k, 0, 0.06)) for k i
 @pytest.mark.parametrize(("sign", "angle"), [(1, 0.0), (-1, 0.0), (1, 0.3), (-1, 0.3), (-1, math.pi)])
 def test_a_rotation_and_its_negative_quaternion_are_one(sign: int, angle: float) -> None:
     scene = make_scene([*BALLS, floor()])
-    machine = make_machine(scene)
-    machine.recorded[0, 3:] = (0.0, 0.0, 0.0, 1.0)
-    machine.corrected[0, 3:] = sign * np.array([0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)])
-    machine.corrected[1, 0] += 0.02
+    data = make_replay_data(scene)
+    data.recorded[0, 3:] = (0.0, 0.0, 0.0, 1.0)
+    data.corrected[0, 3:] = sign * np.array([0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)])
+    data.corrected[1, 0] += 0.02
     figures = np.zeros(1, FIGURES)[0]
-    measure_correction(pack(scene), pack(machine), figures)
+    measure_correction(pack(scene), pack(data), figures)
     assert figures["rotation"] == pytest.approx(angle, abs=1e-12)
     assert figures["correction"] == pytest.approx(0.02, abs=1e-15)
 
 
 def test_each_pair_of_bodies_has_the_method_that_freed_its_own_trees() -> None:
     scene = make_scene([*BALLS, floor()])
-    machine, block = make_machine(scene), make_block(np.arange(3), np.zeros((4, 7)), 0, frames=2)
-    state = pack(machine.driven)
+    data, block = make_replay_data(scene), make_block(np.arange(3), np.zeros((4, 7)), 0, frames=2)
+    state = pack(data.driven)
     store_method(state, 1, 0)
     store_method(state, 2, 1)
     store_method(state, 2, 0)  # a later substep
-    machine.depths.body_a[:4], machine.depths.body_b[:4] = (0, 1, 2, 1), (3, 3, 3, 2)
-    write_depths(pack(scene), pack(block), 0, pack(machine.depths), 4, machine.driven.method)
+    data.depths.body_a[:4], data.depths.body_b[:4] = (0, 1, 2, 1), (3, 3, 3, 2)
+    write_depths(pack(scene), pack(block), 0, pack(data.depths), 4, data.driven.method)
     methods = [0, LEAST_DISTANCE, INTERPOLATED, INTERPOLATED]
     assert block.depths["method"][: block.depth_end[1]].tolist() == methods
 

@@ -21,7 +21,7 @@ FIELD = re.compile(r"^    (\w+): (?:Floats|Ints|NDArray\[np\.\w+\])  # \(([^()]*
 """Name and shape of an array in a record."""
 OF_FIXED_LAYOUT = {"poses", "frames"}
 """Arrays that kernels read by numbers: x y z and a quaternion; a rotation and x y z."""
-KERNELS = {"kernel", "outlined", "inlined"}
+KERNELS = {"kernel", "noinline", "inlined"}
 
 
 def widths(source: str) -> Iterator[tuple[str, int]]:
@@ -120,7 +120,7 @@ def test_columns_have_names(name: str, path: Path) -> None:
     [
         "@kernel\ndef f(work, i):\n    return work.spots[i, 3]",
         "@kernel\ndef f(values, i, k):\n    values[i, 3 + k] = 0.0",
-        "@outlined\ndef f(work, i):\n    row, n = work.spots[i], 0\n    return row[6]",
+        "@noinline\ndef f(work, i):\n    row, n = work.spots[i], 0\n    return row[6]",
         "@kernel\ndef f(work, i, k):\n    return work.boxes[i][3 + k]",
         "values[:, 6]",
         "values[..., 1:4]",

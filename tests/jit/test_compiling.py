@@ -15,7 +15,7 @@ import pytest
 KERNELS = """
 import math
 from typing import NamedTuple
-from geomphys.jit.kernel import inlined, kernel, outlined
+from geomphys.jit.kernel import inlined, kernel, noinline
 
 class Pair(NamedTuple):
     first: float
@@ -25,7 +25,7 @@ class Pair(NamedTuple):
 def tiny(x: float) -> float:
     return x * 0.1
 
-@outlined
+@noinline
 def bottom(x: float, k: int) -> Pair:
     return Pair(math.sin(x) + tiny(x), k)
 
@@ -33,7 +33,7 @@ def bottom(x: float, k: int) -> Pair:
 def middle(x: float) -> float:
     return bottom(x, 1).first + bottom(x, 2).second
 
-@outlined
+@noinline
 def upper(x: float) -> tuple[float, bool]:
     return 2.0 * middle(x), x > 0.0
 
@@ -69,7 +69,7 @@ def start(keys):
 
 numba.cfunc = counted
 work._helper = start
-work.WORTHWHILE = 99 if mode == "alone" else 1
+work.MIN_FOR_HELPERS = 99 if mode == "alone" else 1
 work.processes = lambda: 2
 
 def tell(done, known):
@@ -80,7 +80,7 @@ def tell(done, known):
 import stacked
 value = left = None
 try:
-    with work.telling(tell):
+    with work.progress_to(tell):
         value = stacked.top(0.5).hex()
 except KeyboardInterrupt:
     left = [process.poll() is None for process in helpers]

@@ -1,4 +1,4 @@
-"""Kernels that are outlined, linked and kept on disk give what numba alone gives, bit for bit."""
+"""Kernels that are noinline, linked and kept on disk give what numba alone gives, bit for bit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ for _ in range(300):
     found = query(a, poses[0], b, poses[1])
     for part in (np.array(found.separation), *found[1:]):
         sys.stdout.buffer.write(part.tobytes())
-print(any(kernel.outlined for kernel in definitions.values()), file=sys.stderr)
+print(any(kernel.noinline for kernel in definitions.values()), file=sys.stderr)
 """
 
 REPLAY = "from geomphys_cli.entry import main; main()"

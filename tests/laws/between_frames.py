@@ -26,15 +26,15 @@ ARM = 0.1  # m: a turn counts as the translation of a point so far away
 SHARE = 0.2  # of the mean thickness of two pieces: what is no deeper between frames cannot be on its way through
 
 
-def lines(rows: Floats, times: int) -> Floats:
+def lines(contacts: Floats, times: int) -> Floats:
     """Poses (n, B, 7), and `times` - 1 between any two of them on straight lines: ((n - 1) * times + 1, B, 7)."""
-    n = len(rows)
+    n = len(contacts)
     t = np.arange((n - 1) * times + 1) / times
-    out = np.empty((len(t), *rows.shape[1:]))
-    for body in range(rows.shape[1]):
+    out = np.empty((len(t), *contacts.shape[1:]))
+    for body in range(contacts.shape[1]):
         for k in range(3):
-            out[:, body, k] = np.interp(t, np.arange(n), rows[:, body, k])
-        out[:, body, 3:] = Slerp(np.arange(n), Rotation.from_quat(rows[:, body, 3:]))(t).as_quat()
+            out[:, body, k] = np.interp(t, np.arange(n), contacts[:, body, k])
+        out[:, body, 3:] = Slerp(np.arange(n), Rotation.from_quat(contacts[:, body, 3:]))(t).as_quat()
     return out
 
 
@@ -99,13 +99,13 @@ class Between:
     def _planes(
         self, offsets: dict[int, Floats], placed: Floats, reach: float, normals: dict[int, Floats]
     ) -> tuple[Floats, Floats]:
-        """Half-spaces for the offsets of all trees in a row, one for each pair of pieces within `reach` of each other.
+        """Half-spaces for the offsets of all trees in a contact, one for each pair of pieces within `reach` of each other.
 
         The direction between two points a micrometre apart is noise, so pairs that touch keep the one they had: `normals`.
         """
         frames, each = self.engine.frames(placed), len(next(iter(offsets.values())))
         centres, width = self._centres(frames), each * len(offsets)
-        rows, bounds = [np.zeros(width)], [0.0]
+        contacts, bounds = [np.zeros(width)], [0.0]
         near = np.linalg.norm(centres[self.a] - centres[self.b], axis=1) < self.room + reach
         for i in np.flatnonzero(near & (self.tree[self.a] != self.tree[self.b])):
             a, b = int(self.a[i]), int(self.b[i])
@@ -119,7 +119,7 @@ class Between:
             )
             if abs(gap) > TOUCHING or i not in normals:
                 normals[int(i)] = np.array(result.normal)
-            row, bound = np.zeros(width), CLEAR - gap
+            contact, bound = np.zeros(width), CLEAR - gap
             for place, (tree, offset) in enumerate(offsets.items()):
                 if tree in (self.tree[a], self.tree[b]):
                     first = tree == self.tree[a]
@@ -127,11 +127,11 @@ class Between:
                     point = np.array(result.getNearestPoint1() if first else result.getNearestPoint2())
                     lever = np.cross(point - self._pivot(placed, tree), out) / ARM
                     effect = np.concatenate([out, lever])[:each]
-                    row[each * place : each * (place + 1)] = effect
+                    contact[each * place : each * (place + 1)] = effect
                     bound += float(effect @ offset)
-            rows.append(row)
+            contacts.append(contact)
             bounds.append(bound)
-        return np.array(rows), np.array(bounds)
+        return np.array(contacts), np.array(bounds)
 
     def follow(self, frame: int, steps: int, turning: bool = False, via: dict[int, Floats] | None = None) -> float:
         """How far [m] from its corrected place in frame + 1 a tree arrives that goes there from `frame` through nothing.
@@ -147,8 +147,8 @@ class Between:
         for poses in lines(ends, steps)[1:]:
             for _ in range(8):
                 reach = 3.0 * max(float(np.linalg.norm(moved)) for moved in offsets.values()) + 0.01
-                rows, bounds = self._planes(offsets, self._placed(poses, offsets), reach, normals)
-                best = least_offset(rows, bounds)
+                contacts, bounds = self._planes(offsets, self._placed(poses, offsets), reach, normals)
+                best = least_offset(contacts, bounds)
                 if best is None:
                     return np.inf
                 change = 0.0

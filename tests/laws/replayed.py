@@ -94,15 +94,15 @@ class Run:
                 ways = [motion_of(before.corrected[i], now.corrected[i], point) for i in (held, int(body))]
                 slid = ways[0] - ways[1]
                 slid -= normal * (slid @ normal)
-                row = out.setdefault(int(body), np.zeros((len(self.results), 3)))
-                row[k] = Rotation.from_quat(now.corrected[held, 3:]).inv().apply(slid)
-        return {body: row.cumsum(axis=0) for body, row in out.items()}
+                contact = out.setdefault(int(body), np.zeros((len(self.results), 3)))
+                contact[k] = Rotation.from_quat(now.corrected[held, 3:]).inv().apply(slid)
+        return {body: contact.cumsum(axis=0) for body, contact in out.items()}
 
     def farthest_slip(self, slips: dict[int, np.ndarray], frames: slice) -> float:
         """Farthest that any driven body slid in some frames, from where it was in the first of them [m]; inf: none touched."""
         role = self.world.scene.bodies.role
-        rows = [row[frames] for body, row in slips.items() if role[body] == DRIVEN]
-        return max((float(np.linalg.norm(r - r[0], axis=1).max()) for r in rows), default=math.inf)
+        contacts = [contact[frames] for body, contact in slips.items() if role[body] == DRIVEN]
+        return max((float(np.linalg.norm(r - r[0], axis=1).max()) for r in contacts), default=math.inf)
 
     @property
     def overlap(self) -> float:

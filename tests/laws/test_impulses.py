@@ -205,9 +205,9 @@ def test_a_fall_across_a_seam_does_not_turn_a_box() -> None:
 
 def test_the_ball_at_the_end_of_a_row_takes_the_motion_along() -> None:
     """Elastic collisions pass the motion on, one at a time; nearly elastic ones nearly."""
-    row = [Thing(shape=Sphere(0.05), at=(0.1 * k + 2e-6 * k, 0, 0), material="rubber") for k in range(4)]
+    contact = [Thing(shape=Sphere(0.05), at=(0.1 * k + 2e-6 * k, 0, 0), material="rubber") for k in range(4)]
     player = Player(
-        [Thing(shape=Sphere(0.05), at=(-0.5, 0, 0), v=(1, 0, 0), material="rubber"), *row], gravity=(0, 0, 0)
+        [Thing(shape=Sphere(0.05), at=(-0.5, 0, 0), v=(1, 0, 0), material="rubber"), *contact], gravity=(0, 0, 0)
     )
     play_to_impact(player)
     v = player.velocity[:, 0]

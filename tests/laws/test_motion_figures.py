@@ -56,10 +56,10 @@ def columns(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, n
                 figures.append(decoded)
                 continue
             poses = {t.child_frame_id.removeprefix("recorded/"): t for t in decoded.transforms}
-            rows = []
+            contacts = []
             for p, q in ((poses[name].translation, poses[name].rotation) for name in names):
-                rows.append([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
-            found[channel.topic].append(rows)
+                contacts.append([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+            found[channel.topic].append(contacts)
     keys = [field.name for field in figures[0].DESCRIPTOR.fields if field.name != "timestamp"]
     seconds = (np.array(times) - times[0]) * 1e-9
     metrics = {key: np.array([getattr(f, key) for f in figures]) for key in keys}
@@ -72,8 +72,8 @@ def derivative(times: np.ndarray, places: np.ndarray, order: int) -> np.ndarray:
     found = np.zeros(len(times))
     for k in range(order, len(times)):
         t = times[k - order : k + 1] - times[k - order]
-        rows = places[k - order : k + 1].reshape(order + 1, -1)
-        leading = np.linalg.solve(np.vander(t), rows)[0] * np.prod(np.arange(1, order + 1))
+        contacts = places[k - order : k + 1].reshape(order + 1, -1)
+        leading = np.linalg.solve(np.vander(t), contacts)[0] * np.prod(np.arange(1, order + 1))
         found[k] = np.linalg.norm(leading.reshape(-1, 3), axis=1).max()
     return found
 

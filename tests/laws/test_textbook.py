@@ -133,13 +133,13 @@ def test_balls_meet_head_on(tmp_path: Path, e: float, ra: float, rb: float, va: 
 def test_as_many_balls_leave_a_row_as_strike_it(
     tmp_path: Path, strikers: int, room: float, gravity: tuple[float]
 ) -> None:
-    row = [thing(f"b{k}", sphere=0.05, position=(k * (0.1 + room), 0, 0.05), material="m") for k in range(4)]
-    row += [
+    contact = [thing(f"b{k}", sphere=0.05, position=(k * (0.1 + room), 0, 0.05), material="m") for k in range(4)]
+    contact += [
         thing(f"s{k}", sphere=0.05, position=(-0.5 - 0.1 * k, 0, 0.05), velocity=(1, 0, 0), material="m")
         for k in range(strikers)
     ]
     smooth = pairs(m=(1.0, 0.0), f=(0.0, 0.0)) + between("m", "f", 0.0, 0.0)
-    run = play(tmp_path, [*row, floor(material="f")], 0.7, gravity=gravity, pairs=smooth)
+    run = play(tmp_path, [*contact, floor(material="f")], 0.7, gravity=gravity, pairs=smooth)
     speeds = [run.velocity(f"b{k}", -2)[0] for k in range(4)] + [run.velocity(f"s{k}", -2)[0] for k in range(strikers)]
     np.testing.assert_allclose(speeds, [*[0] * (4 - strikers), *[1] * strikers, *[0] * strikers], rtol=0, atol=1e-6)
 

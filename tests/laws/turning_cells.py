@@ -178,12 +178,12 @@ def play_turning(folder: Path, seed: int, n: int = 60, kind: str = "", body: str
     return Turning(kind, body, frame, half, sides, rate), run
 
 
-def driven_centres(run: Run, rows: Floats) -> Floats:
+def driven_centres(run: Run, contacts: Floats) -> Floats:
     """(n, P, 3) centres of the driven pieces in poses (n, B, 7)."""
     scene = run.world.scene
     mine = np.flatnonzero(scene.bodies.role[scene.pieces.body] == DRIVEN)
     engine = Engine(run.world)
-    frames = np.array([engine.frames(poses)[mine] for poses in rows])
+    frames = np.array([engine.frames(poses)[mine] for poses in contacts])
     return np.asarray(np.einsum("npij,pj->npi", frames[..., :3, :3], scene.pieces.centre[mine]) + frames[..., :3, 3])
 
 
@@ -205,7 +205,9 @@ def jumps(rate: float, run: Run, allowed: float = 2e-3) -> dict[int, float]:
     mine = scene.bodies.role[scene.pieces.body] == DRIVEN
     here, there = (
         np.einsum("npij,pj->npi", frames[..., :3, :3], scene.pieces.centre) + frames[..., :3, 3]
-        for frames in (np.array([engine.frames(poses) for poses in rows]) for rows in (run.corrected, run.recorded))
+        for frames in (
+            np.array([engine.frames(poses) for poses in contacts]) for contacts in (run.corrected, run.recorded)
+        )
     )
     motion = np.linalg.norm(np.diff(there, axis=0), axis=2).max(axis=1)
     offset = (here - there)[:, mine]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.errors import ConfigError, GeomphysError, MeshError, SceneError
 from geomphys.load import load_world
 from geomphys.numerics.transforms import compose, matrix_from_frame, matrix_from_pose, rotation_about
@@ -462,4 +462,4 @@ def test_thousands_of_fixed_objects_need_little_memory(tmp_path: Path) -> None:
     """The workspace of the least-distance problem goes with what is driven."""
     balls = [f'[[object]]\nname = "b{k}"\nclass = "fixed"\nsphere = 0.1\nposition = [{k}, 0, 0]\n' for k in range(1000)]
     (tmp_path / "scene.toml").write_text("".join(balls))
-    assert make_machine(load_world(tmp_path / "scene.toml").scene).workspace.problem.least.basis.nbytes < 1e6
+    assert make_replay_data(load_world(tmp_path / "scene.toml").scene).workspace.problem.least.basis.nbytes < 1e6

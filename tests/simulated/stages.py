@@ -11,7 +11,7 @@ from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import find_pairs
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import Records
-from geomphys.simulated.update import LEAST_RESTITUTION_THRESHOLD, STEP, TOUCH, build_contact_rows
+from geomphys.simulated.update import MIN_RESTITUTION_THRESHOLD, STEP, TOUCH, build_contacts
 from tests.simulated.scenes import Player
 
 
@@ -19,7 +19,7 @@ class Stage:
     """A player's scene at the beginning of a step of `dt` [s]: pairs are found, contact points laid out, all awake.
 
     `sim` is what kernels of the loop are handed first. `bodies` and `motion` have a record for each body, `pairs` and
-    `rows` for each pair that may meet and each contact point, of the types in `geomphys.simulated.state`; a field is a
+    `contacts` for each pair that may meet and each contact point, of the types in `geomphys.simulated.state`; a field is a
     view, so that writing to it changes the state.
     """
 
@@ -30,17 +30,17 @@ class Stage:
         weight = float(np.linalg.norm(player.scene.gravity))
         frame = player.simulation.frame
         frame["dt"], frame["gap"], frame["touch"] = dt, player.gap, TOUCH * player.gap
-        frame["weight"], frame["restitution_threshold"] = weight, max(LEAST_RESTITUTION_THRESHOLD, 2.0 * weight * STEP)
+        frame["weight"], frame["restitution_threshold"] = weight, max(MIN_RESTITUTION_THRESHOLD, 2.0 * weight * STEP)
         begin(self.sim, False)
         find_pairs(self.sim, 0.0, dt)
         self.any_awake = wake(self.sim, True)
         mark_all(self.sim)
         move_bases(self.sim, 0.0)
-        self.build_contact_rows()
+        self.build_contacts()
 
-    def build_contact_rows(self) -> float:
+    def build_contacts(self) -> float:
         """Contact points of changed bodies; returns the least clearance [m]."""
-        return float(build_contact_rows(self.sim, 0.0))
+        return float(build_contacts(self.sim, 0.0))
 
     def call(self, stage: Callable[..., object], *arguments: object) -> object:
         """Call a stage with this state."""
@@ -62,9 +62,9 @@ class Stage:
         return self.player.simulation.pairs[: self.player.simulation.counts["pairs"]]
 
     @property
-    def rows(self) -> Records:
-        """`ROW` of each contact point."""
-        return self.player.simulation.rows[: self.player.simulation.counts["rows"]]
+    def contacts(self) -> Records:
+        """`CONTACT` of each contact point."""
+        return self.player.simulation.contacts[: self.player.simulation.counts["contacts"]]
 
     def pair(self, a: int, b: int) -> int:
         """Number of the first pair of two bodies."""

@@ -83,7 +83,7 @@ def test_the_next_of_a_row_is_struck_at_the_same_moment() -> None:
 def test_points_that_land_together_share_the_impulse() -> None:
     """A cube that lands flat does not begin to rotate."""
     stage = Stage(Player([Thing(shape=Box((0.05,) * 3), at=(0, 0, 0.05 + GAP), v=(0, 0, -1)), floor()], gap=GAP))
-    assert len(stage.rows["clearance"]) == 4
+    assert len(stage.contacts["clearance"]) == 4
     stage.call(resolve, 0.0, 10)
     assert stage.motion["velocity"][0] == pytest.approx([0, 0, 0.3], abs=1e-9)
     assert stage.motion["angular_velocity"][0] == pytest.approx([0, 0, 0], abs=1e-9)

@@ -8,8 +8,8 @@ import pytest
 from geomphys.results import FLAG_TABLE_FULL
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.allocation import Capacity
-from geomphys.simulated.contact_points import add_rows
-from geomphys.simulated.impulse_accumulation import drop_rows
+from geomphys.simulated.contact_points import add_contacts
+from geomphys.simulated.impulse_accumulation import drop_contacts
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -24,19 +24,19 @@ def balls(count: int) -> Stage:
 @pytest.mark.parametrize("changed", [(0,), (1,), (0, 2), (3,), (), (0, 1, 2, 3)])
 def test_rows_of_changed_bodies_are_dropped_and_the_others_stay_in_order(changed: tuple[int, ...]) -> None:
     stage = balls(4)
-    rows, since, until = stage.rows, 1e-3, 3e-3
-    assert rows["a"].tolist() == [0, 1, 2, 3]
-    rows["since"], rows["restitution"] = since, 0.1 * np.arange(4)
-    slots, pairs = stage.player.simulation.slots, rows["pair"].copy()
+    contacts, since, until = stage.contacts, 1e-3, 3e-3
+    assert contacts["a"].tolist() == [0, 1, 2, 3]
+    contacts["since"], contacts["restitution"] = since, 0.1 * np.arange(4)
+    slots, pairs = stage.player.simulation.slots, contacts["pair"].copy()
     for k, pair in enumerate(pairs):
         slots[pair, 0]["normal_force"], slots[pair, 0]["friction_force"] = 10.0 + k, (0.0, k, 0.0)
         slots[pair, 0]["normal_impulse"], slots[pair, 0]["friction_impulse"] = 1.0, (0.0, 0.0, 0.0)
     stage.bodies["changed"] = 0
     stage.bodies["changed"][list(changed)] = 1
-    before = rows.copy()
-    stage.call(drop_rows, until)
+    before = contacts.copy()
+    stage.call(drop_contacts, until)
     left = [k for k in range(4) if k not in changed]
-    assert np.array_equal(stage.rows, before[left])
+    assert np.array_equal(stage.contacts, before[left])
     for k, pair in enumerate(pairs):
         elapsed = until - since if k in changed else 0.0
         assert slots[pair, 0]["normal_impulse"] == pytest.approx(1.0 + elapsed * (10.0 + k), rel=1e-12)
@@ -55,9 +55,9 @@ def test_points_of_a_pair_that_do_not_fit_are_counted_and_none_of_them_is_laid_o
     points: int, laid: int, lost: int
 ) -> None:
     stage = Stage(cubes(points))
-    assert len(stage.rows) == laid
+    assert len(stage.contacts) == laid
     assert stage.player.simulation.counts["lost"] == lost
-    assert len(set(stage.rows["a"])) == laid // 4
+    assert len(set(stage.contacts["a"])) == laid // 4
 
 
 @pytest.mark.parametrize(("points", "flag"), [(8, 0), (7, FLAG_TABLE_FULL)])
@@ -80,8 +80,8 @@ def test_impulses_of_points_that_are_gone_go_to_those_that_are_there() -> None:
         slots[m]["normal_impulse"], slots[m]["friction_impulse"] = 1.0 + m, (0.1 * m, -1.0, 0.0)
         slots[m]["normal_impulses"] = (0.0, 0.0, 1.0 + m)
     slots["local"][2:] += 0.02
-    stage.player.simulation.counts["rows"] = 0
-    stage.call(add_rows, 0, 0.0)
+    stage.player.simulation.counts["contacts"] = 0
+    stage.call(add_contacts, 0, 0.0)
     assert slots["used"].tolist() == [1, 1, 1, 1]
     assert slots["normal_impulse"].sum() == pytest.approx(10.0, rel=1e-15)
     assert slots["friction_impulse"].sum(axis=0) == pytest.approx([0.6, -4.0, 0.0], rel=1e-15)

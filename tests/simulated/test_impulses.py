@@ -27,9 +27,9 @@ class Collision:
     def __init__(self, stage: Stage, velocity: np.ndarray) -> None:
         self.stage, self.before = stage, velocity
         self.velocity = velocity.copy()
-        stage.rows["mode"] = 2
+        stage.contacts["mode"] = 2
         for name in ("normal_impulse", "tangent_impulse", "target_speed"):
-            stage.rows[name] = 0.0
+            stage.contacts[name] = 0.0
 
     def resolve(self, elastic: float = 1.0) -> None:
         self.stage.call(collide, self.velocity, elastic)
@@ -37,7 +37,7 @@ class Collision:
     def speeds(self, velocity: np.ndarray) -> np.ndarray:
         """(n, 3) relative velocities along normal, tangent and binormal."""
         out = []
-        for r in self.stage.rows:
+        for r in self.stage.contacts:
             va, vb = velocity[r["a"]], velocity[r["b"]]
             v = va[:3] + np.cross(va[3:], r["arm_a"]) - vb[:3] - np.cross(vb[3:], r["arm_b"])
             out.append([v @ r[name] for name in ("normal", "tangent", "binormal")])
@@ -45,7 +45,7 @@ class Collision:
 
     def impulses(self) -> np.ndarray:
         """(n, 3) along normal, tangent and binormal."""
-        return np.column_stack([self.stage.rows["normal_impulse"], self.stage.rows["tangent_impulse"]])
+        return np.column_stack([self.stage.contacts["normal_impulse"], self.stage.contacts["tangent_impulse"]])
 
     def momentum(self, velocity: np.ndarray, bodies: int = 2) -> np.ndarray:
         """Momentum and angular momentum about the origin of the first bodies."""
@@ -65,8 +65,8 @@ def at_one_point(seed: int, friction: float, restitution: float) -> Collision:
     """Two free bodies that approach each other at a point anywhere on them, with a normal in any direction."""
     rng = np.random.default_rng(seed)
     stage = Stage(Player(BALLS, gravity=(0, 0, 0)))
-    r = stage.rows[:1]
-    stage.player.simulation.counts["rows"] = 1
+    r = stage.contacts[:1]
+    stage.player.simulation.counts["contacts"] = 1
     axes = Rotation.random(random_state=int(seed)).as_matrix()
     r["normal"], r["tangent"], r["binormal"] = axes[:, 0], axes[:, 1], axes[:, 2]
     point = rng.uniform(-0.06, 0.06, 3)
@@ -82,7 +82,7 @@ def at_one_point(seed: int, friction: float, restitution: float) -> Collision:
 
 def response(made: Collision) -> np.ndarray:
     """(3, 3) change of the relative velocity by a unit impulse, by (9): 1/m_a + 1/m_b + (I⁻¹ (r × n)) × r of both."""
-    r, total = made.stage.rows[0], np.zeros((3, 3))
+    r, total = made.stage.contacts[0], np.zeros((3, 3))
     axes = [r[name] for name in ("normal", "tangent", "binormal")]
     for body, arm in ((r["a"], r["arm_a"]), (r["b"], r["arm_b"])):
         m = made.stage.motion[body]
@@ -136,8 +136,8 @@ def test_momentum_and_angular_momentum_are_kept_and_energy_does_not_rise(seed: i
 def on_the_floor(velocity: tuple[float, ...], friction: float, restitution: float) -> Collision:
     """A cube that lands with four corners."""
     stage = Stage(Player([Thing(shape=Box((0.05, 0.03, 0.04)), at=(0, 0, 0.04 + 2e-6)), floor()]))
-    assert len(stage.rows) == 4
-    stage.rows["friction"], stage.rows["restitution"] = friction, restitution
+    assert len(stage.contacts) == 4
+    stage.contacts["friction"], stage.contacts["restitution"] = friction, restitution
     return Collision(stage, np.array([velocity, np.zeros(6)], float))
 
 
@@ -158,7 +158,7 @@ def test_the_points_of_a_face_leave_together(seed: int, restitution: float) -> N
     root = np.zeros((6, 6))  # M^(1/2)
     values, vectors = np.linalg.eigh(np.linalg.inv(m["inverse_inertia"].reshape(3, 3)))
     root[:3, :3], root[3:, 3:] = math.sqrt(m["mass"]) * np.eye(3), vectors @ np.diag(np.sqrt(values)) @ vectors.T
-    jacobian = np.array([[*r["normal"], *np.cross(r["arm_a"], r["normal"])] for r in made.stage.rows])
+    jacobian = np.array([[*r["normal"], *np.cross(r["arm_a"], r["normal"])] for r in made.stage.contacts])
     if restitution == 0.0:
         scaled = jacobian @ np.linalg.inv(root)
         solution, _ = nnls(scaled.T, -root @ made.before[0])
@@ -180,7 +180,7 @@ def test_friction_of_several_points_is_within_the_cone_of_each(friction: float) 
 
 def test_only_rows_that_take_part_are_given_impulses() -> None:
     made = on_the_floor((0, 0, -1.0, 0, 0, 0), 0.3, 0.3)
-    made.stage.rows["mode"] = (2, 1, 0, 2)
+    made.stage.contacts["mode"] = (2, 1, 0, 2)
     made.resolve()
     assert (made.impulses()[[1, 2]] == 0.0).all()
     assert (made.impulses()[[0, 3], 0] > 0.0).any()
@@ -189,16 +189,16 @@ def test_only_rows_that_take_part_are_given_impulses() -> None:
 def test_rows_of_disabled_pairs_are_taken_out() -> None:
     stage = Stage(Player([*(Thing(shape=Sphere(0.05), at=(0.3 * k, 0, 0.05)) for k in range(3)), floor()]))
     stage.pairs["disabled"] = 0
-    stage.pairs["disabled"][int(stage.rows["pair"][1])] = 1
-    stage.rows["mode"] = 1
+    stage.pairs["disabled"][int(stage.contacts["pair"][1])] = 1
+    stage.contacts["mode"] = 1
     stage.call(exclude_disabled)
-    assert stage.rows["mode"].tolist() == [1, 0, 1]
+    assert stage.contacts["mode"].tolist() == [1, 0, 1]
 
 
 @pytest.mark.parametrize("limit", [math.inf, 0.02])
 def test_a_normal_impulse_is_neither_negative_nor_above_its_limit(limit: float) -> None:
     made = at_one_point(1, 0.0, 0.0)
-    r, k = made.stage.rows[0], made.stage.rows["impulse_limit"]
+    r, k = made.stage.contacts[0], made.stage.contacts["impulse_limit"]
     k[0] = limit
     v = made.speeds(made.velocity)[0, 0]
     mass = response(made)[0, 0]
@@ -222,7 +222,7 @@ def test_a_visit_stops_the_sliding_where_the_cone_allows_it() -> None:
 def test_a_friction_impulse_that_stops_the_sliding_solves_the_two_equations() -> None:
     """K x = -v; beyond the disc the impulse is on its rim and opposes the sliding."""
     made = at_one_point(3, 0.0, 0.0)
-    r, k = made.stage.rows[0], response(made)[1:, 1:]
+    r, k = made.stage.contacts[0], response(made)[1:, 1:]
     v = np.array([0.4, -0.7])
     free = np.array(stopping_impulse(r, *v, 1e3))
     assert k @ free == pytest.approx(-v, rel=1e-12)

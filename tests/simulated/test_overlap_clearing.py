@@ -31,7 +31,7 @@ def test_only_bodies_of_the_given_activation_are_moved(activation: int) -> None:
     assert 0.0 <= stage.motion["position"][0, 2] - 0.05 <= GAP
     assert stage.motion["position"][1, 2] == 0.05 - 1e-4
     assert (stage.motion["velocity"][0] == velocity).all()
-    assert len(stage.rows) == 0
+    assert len(stage.contacts) == 0
 
 
 @pytest.mark.parametrize(("activation", "share"), [(AWAKE, TOUCHING), (COUPLED, LEFT)])

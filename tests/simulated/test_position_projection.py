@@ -25,7 +25,7 @@ def test_what_overlaps_the_floor_is_lifted_out_of_it_with_the_velocity_it_had(de
     least = stage.call(project_positions, 0.0)
     assert 0.0 <= stage.motion["position"][0, 2] - 0.05 <= GAP
     assert stage.motion["position"][0, :2] == pytest.approx([0, 0], abs=1e-9)
-    assert stage.build_contact_rows() == pytest.approx(least, abs=0.1 * GAP)
+    assert stage.build_contacts() == pytest.approx(least, abs=0.1 * GAP)
     assert not stage.call(any_short, 0.0)
     assert np.array_equal(stage.motion["velocity"][0], velocity)
     assert stage.motion["angular_velocity"][0] == pytest.approx(spin, abs=1e-9)
@@ -59,12 +59,12 @@ def test_where_there_is_no_room_the_overlap_is_shared() -> None:
     stage = Stage(player)
     for _ in range(5):
         stage.call(project_positions, 0.0)
-        stage.build_contact_rows()
+        stage.build_contacts()
     assert abs(stage.motion["position"][0, 0]) < 2e-5
     before = stage.motion["position"][0].copy()
     stage.call(project_positions, 0.0)
     assert np.array_equal(stage.motion["position"][0], before)
-    assert stage.rows["clearance"] == pytest.approx(-1e-4, abs=2e-5)
+    assert stage.contacts["clearance"] == pytest.approx(-1e-4, abs=2e-5)
 
 
 def test_bodies_that_have_not_changed_are_left_alone() -> None:

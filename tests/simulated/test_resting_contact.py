@@ -8,7 +8,7 @@ import pytest
 from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.pieces import Box
 from geomphys.simulated.motion import load_velocities
-from geomphys.simulated.resting_contact import SWEEPS, WEIGHT_TIME, hold, set_limits
+from geomphys.simulated.resting_contact import SWEEPS, WEIGHT_TIME, set_limits, solve_resting_contact
 from tests.simulated.scenes import GRAVITY, Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -19,7 +19,7 @@ def held(*things: Thing) -> Stage:
     """Things on a floor, with the contact forces of a step."""
     stage = Stage(Player([*things, floor()], gap=GAP))
     stage.call(load_velocities)
-    stage.call(hold, 0.0, stage.dt, SWEEPS)
+    stage.call(solve_resting_contact, 0.0, stage.dt, SWEEPS)
     return stage
 
 
@@ -79,8 +79,8 @@ def test_only_bodies_that_follow_a_path_have_bounded_impulses() -> None:
     stage.call(load_velocities)
     stage.player.simulation.velocity[2, 2] = -0.2
     stage.call(set_limits)
-    pressed = stage.rows["b"] == 2
+    pressed = stage.contacts["b"] == 2
     assert pressed.sum() == 4
     expected = 4.0 * 3.0 * (0.5 + WEIGHT_TIME * GRAVITY)
-    assert stage.rows["impulse_limit"][pressed] == pytest.approx(expected, rel=1e-12)
-    assert np.isinf(stage.rows["impulse_limit"][~pressed]).all()
+    assert stage.contacts["impulse_limit"][pressed] == pytest.approx(expected, rel=1e-12)
+    assert np.isinf(stage.contacts["impulse_limit"][~pressed]).all()

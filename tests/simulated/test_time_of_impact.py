@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.motion import load_velocities
-from geomphys.simulated.resting_contact import SWEEPS, hold
+from geomphys.simulated.resting_contact import SWEEPS, solve_resting_contact
 from geomphys.simulated.state import MOTION
 from geomphys.simulated.time_of_impact import attached_curvature, first_touch, pose_pair, reach_along, span, swing
 from tests.simulated.scenes import Player, Thing, floor
@@ -25,7 +25,7 @@ def approaching(height: float, speed: float, spin: float = 0.0) -> Stage:
     thing = Thing(shape=shape, at=(0, 0, height + 0.05), v=(0.3, 0, -speed), w=(0, spin, 0))
     stage = Stage(Player([thing, floor()], gravity=(0, 0, 0), gap=GAP), DT)
     stage.call(load_velocities)
-    stage.call(hold, 0.0, DT, SWEEPS)  # plans the motion of the span
+    stage.call(solve_resting_contact, 0.0, DT, SWEEPS)  # plans the motion of the span
     return stage
 
 
@@ -137,7 +137,7 @@ def test_a_span_is_nowhere_lower_than_it_says(spin: float) -> None:
         ]
         stage = Stage(Player(cubes, gravity=(0, 0, 0), gap=GAP), DT)
         stage.call(load_velocities)
-        stage.call(hold, 0.0, DT, SWEEPS)
+        stage.call(solve_resting_contact, 0.0, DT, SWEEPS)
         n = (1.0, 0.0, 0.0) if stage.pairs["body"][0][0] == 1 else (-1.0, 0.0, 0.0)
 
         def along(t: float, stage: Stage = stage, n: tuple[float, float, float] = n) -> float:

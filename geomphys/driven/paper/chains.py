@@ -24,7 +24,7 @@ from geomphys.collision.sweep import update_boxes
 from geomphys.driven.paper.descent import descend, is_usable
 from geomphys.driven.paper.link_translation import lies_along, translate_link
 from geomphys.driven.paper.state import PaperWorkspace
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, dot, norm, quat_conjugate, quat_rotate, scale, sub, unit
 from geomphys.scene.arrays import Scene
@@ -61,7 +61,7 @@ def draw_order(w: PaperWorkspace, number: int) -> None:
         w.rank[w.order[c]] = c
 
 
-@outlined
+@noinline
 def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
     """Pose a driven tree, its pieces and its boxes at the iterate."""
     pose_tree(scene, w.origins, tree, w.iterate.roots, w.iterate.angles, w.iterate.poses)
@@ -69,7 +69,7 @@ def update_tree(scene: Scene, w: PaperWorkspace, tree: int) -> None:
     update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
-@outlined
+@noinline
 def detect(scene: Scene, w: PaperWorkspace) -> float:
     """Discrete collision check of the iterate: fills `near`; returns the sum of all depths [m]."""
     find_near(scene, w.frames, w.motion_bounds, 0.0, math.inf, w.near, w.detection)
@@ -122,7 +122,7 @@ def _fraction_of_depth(scene: Scene, w: PaperWorkspace, link: int, other: int, c
     return 0.5 if both and count < SHARED_PASSES and w.rank[others] > w.rank[chain] else 1.0
 
 
-@outlined
+@noinline
 def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple[Vec, Vec, float]:
     """End effector (2) [m], PD_g (1) [m] of a link, the clearance included, and the length [m] its contacts extend over.
 
@@ -158,7 +158,7 @@ def contacts_of(scene: Scene, w: PaperWorkspace, link: int, count: int) -> tuple
     return scale(middle, 1.0 / points), pd, high - low
 
 
-@outlined
+@noinline
 def step_chain(scene: Scene, w: PaperWorkspace, chain: int, count: int) -> int:
     """Move the chain's interpenetrating link nearest its root by PD_g in pass `count`: NOTHING, MISSED or ARRIVED."""
     link, obstacle = _find_link(scene, w, chain)
@@ -176,7 +176,7 @@ def step_chain(scene: Scene, w: PaperWorkspace, chain: int, count: int) -> int:
     return ARRIVED if missed <= tolerance else MISSED
 
 
-@outlined
+@noinline
 def move_chains(scene: Scene, w: PaperWorkspace, count: int) -> float:
     """Pass `count` over all chains; returns the sum of the remaining depths [m]."""
     overlap = detect(scene, w)

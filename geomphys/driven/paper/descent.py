@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import point_of, world_axis
 from geomphys.driven.reach_cones import cone_angle, cone_jacobian, limb_direction, signed_angle
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
 from geomphys.scene.kinematics import pose_body, position_of
@@ -74,7 +74,7 @@ def is_usable(scene: Scene, w: PaperWorkspace, joint: int, link: int, anchor: in
     return not moves(scene, q, anchor)
 
 
-@outlined
+@noinline
 def pose_chain(scene: Scene, w: PaperWorkspace, link: int) -> None:
     """Forward kinematics of the iterate from the root of the link's chain to the link."""
     first = scene.chains.bodies[scene.chains.body_start[w.limbs.chain[link]]]
@@ -82,7 +82,7 @@ def pose_chain(scene: Scene, w: PaperWorkspace, link: int) -> None:
         pose_body(scene, w.origins, body, w.iterate.angles, w.iterate.poses)
 
 
-@outlined
+@noinline
 def fit_cone(scene: Scene, w: PaperWorkspace, cone: int) -> bool:
     """Project the limb of a compound joint into its reach cone by the least change of its joints; whether it is inside."""
     start, cones = scene.cones.direction_start, scene.cones
@@ -135,7 +135,7 @@ def _shared_step(scene: Scene, w: PaperWorkspace, link: int, q: int, ee: Vec, go
     return min(max(dot(effect, sub(goal, ee)) / square, -LONGEST), LONGEST)
 
 
-@outlined
+@noinline
 def _move_in_cone(scene: Scene, w: PaperWorkspace, cone: int, q: int, step: float) -> float:
     """Move a joint of a compound one and project the limb into its reach cone; undone if that fails.
 
@@ -177,7 +177,7 @@ def _move_joint(scene: Scene, w: PaperWorkspace, joint: int, link: int, local: V
     return change
 
 
-@outlined
+@noinline
 def descend(scene: Scene, w: PaperWorkspace, link: int, anchor: int, local: Vec, goal: Vec, tolerance: float) -> float:
     """Move a point of a link to a goal by the joints of its chain.
 

@@ -17,7 +17,7 @@ from geomphys.driven.paper.chains import detect, draw_order, move_chains, update
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.reach_cones import cone_angle
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, norm, scale, slerp, sub, unit
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -53,7 +53,7 @@ def _object_of(scene: Scene, tree: int, body: int) -> int:
     return scene.trees.body_start[tree] if scene.trees.role[tree] == DRIVEN else body
 
 
-@outlined
+@noinline
 def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
     """Sums of (1) over the overlaps of the pair of trees that begins at row `first` of the near pairs, for each object of the
     second tree, into `sums`; returns the row after them.
@@ -74,7 +74,7 @@ def sum_depths(scene: Scene, w: PaperWorkspace, first: int) -> int:
     return k
 
 
-@outlined
+@noinline
 def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
     """Equation (1) for every pair of objects that overlap: `translation` of each tree by its deepest pair."""
     for tree in range(len(w.deepest)):
@@ -103,7 +103,7 @@ def propose_translations(scene: Scene, w: PaperWorkspace) -> None:
                 _propose(w, b, scale(pd, -1.0), 0.5, s.deepest)
 
 
-@outlined
+@noinline
 def translate_trees(scene: Scene, w: PaperWorkspace) -> bool:
     """Translate every driven tree by the deepest of its PD_g; whether one was moved."""
     propose_translations(scene, w)
@@ -153,7 +153,7 @@ def _interpolate(scene: Scene, w: PaperWorkspace, tree: int, fraction: float) ->
         w.iterate.angles[j] = min(max(value, w.lower[j]), w.upper[j])
 
 
-@outlined
+@noinline
 def interpolate_tree(scene: Scene, w: PaperWorkspace, tree: int) -> bool:
     """Move a tree to the free state nearest to the current one between that and its last free one; whether there is one."""
     if w.has_free[tree] == 0:
@@ -182,7 +182,7 @@ def copy_driven(scene: Scene, source: Posture, target: Posture) -> None:
             copy_tree(scene, source, tree, target)
 
 
-@outlined
+@noinline
 def eliminate(scene: Scene, w: PaperWorkspace, number: int) -> Elimination:
     """Eliminate the overlaps of driven trees at the iterate; `number` is that of the frame, for the order of chains."""
     chained, patience, passes, interpolations = False, PATIENCE, 0, 0

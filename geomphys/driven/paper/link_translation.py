@@ -17,7 +17,7 @@ from geomphys.driven.paper.descent import is_usable, pose_chain, set_angle
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import world_axis
 from geomphys.driven.reach_cones import cone_angle
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, dot, norm, quat_rotate, sub
 from geomphys.scene.arrays import JOINT_FIXED, JOINT_REVOLUTE, Scene
@@ -98,7 +98,7 @@ def _is_in_cone(scene: Scene, w: PaperWorkspace, q: int) -> bool:
     return cone < 0 or cone_angle(scene, cone, w.iterate.angles) >= w.cone_limit[cone]
 
 
-@outlined
+@noinline
 def translate_link(scene: Scene, w: PaperWorkspace, link: int, anchor: int, n: Vec, distance: float) -> bool:
     """Move a link's base by `distance` [m] along n (unit, world) and keep the link's orientation.
 

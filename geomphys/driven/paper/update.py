@@ -19,8 +19,8 @@ from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.reach_cones import cone_limit
 from geomphys.driven.state import NOT_STARTED, STARTED_FREE, DrivenState
-from geomphys.jit.kernel import kernel, outlined
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import dot, norm, sub
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree
@@ -31,7 +31,7 @@ MOVED = 1e-7  # m: a tree that elimination moves by less keeps the speed of its 
 FASTEST = 1e12  # rad/s or m/s: a faster joint offset is none
 
 
-@outlined
+@noinline
 def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: Floats, recorded: Floats) -> None:
     """Limits of this frame, widened to the recorded angles (Q,); bodies that are not driven are posed as recorded (B, 7)."""
     for q in range(len(angles)):
@@ -41,27 +41,25 @@ def take_recording(scene: Scene, state: DrivenState, w: PaperWorkspace, angles: 
     stand_around(scene, w, recorded)
 
 
-@outlined
+@noinline
 def stand_around(scene: Scene, w: PaperWorkspace, recorded: Floats) -> None:
     """Pose moving bodies that are not driven at `recorded` (B, 7)."""
     for tree in range(len(scene.trees.role)):
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            for k in range(7):
-                w.iterate.poses[body, k] = recorded[body, k]
+            copy_pose(recorded, body, w.iterate.poses, body)
         pose_pieces_of_tree(scene, tree, w.iterate.poses, w.frames)
         update_boxes(scene, w.frames, w.detection.boxes, tree)
 
 
-@outlined
+@noinline
 def attract(
     scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats, dt: float
 ) -> None:
     """Relax the offsets of a tree by (6) over `dt` [s] and set the iterate; without an offset it is the recording."""
     trees = scene.trees
-    for k in range(7):
-        w.iterate.roots[tree, k] = roots[tree, k]
+    copy_pose(roots, tree, w.iterate.roots, tree)
     for i in range(3):
         x, v = relax_offset(trees, tree, state.offset[tree, i], state.offset_velocity[tree, i], dt)
         state.offset_velocity[tree, i] = v
@@ -100,7 +98,7 @@ def store_tree_offsets(
     copy_tree(scene, w.iterate, tree, state.last)
 
 
-@outlined
+@noinline
 def store_offsets(
     scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats
 ) -> None:
@@ -113,8 +111,7 @@ def store_offsets(
                 w.has_free[tree] = 1
         if not is_recorded(scene, tree):
             continue
-        for k in range(7):
-            state.recorded.roots[tree, k] = roots[tree, k]
+        copy_pose(roots, tree, state.recorded.roots, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             state.recorded.angles[q] = angles[q]
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -124,7 +121,7 @@ def store_offsets(
                     state.last.poses[body, k] = recorded[body, k]
 
 
-@outlined
+@noinline
 def update_driven_as_published(
     scene: Scene, state: DrivenState, w: PaperWorkspace, roots: Floats, angles: Floats, recorded: Floats, dt: float
 ) -> Outcome:
@@ -144,7 +141,7 @@ def update_driven_as_published(
     return Outcome(done.passes, done.interpolations, done.overlap == 0.0, False)
 
 
-@outlined
+@noinline
 def separate_as_published(scene: Scene, state: DrivenState, w: PaperWorkspace, recorded: Floats) -> int:
     """Move driven trees out of what has moved into them since; see `separate_driven`."""
     stand_around(scene, w, recorded)

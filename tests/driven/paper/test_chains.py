@@ -21,7 +21,7 @@ from geomphys.driven.paper.chains import (
     update_tree,
 )
 from geomphys.driven.paper.state import PaperWorkspace, make_paper_workspace
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
 from geomphys.scene.world import World
@@ -58,8 +58,8 @@ class Posed:
 
     def __init__(self, world: World, angles: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0), seed: int = 0) -> None:
         self.world = world
-        machine = make_machine(world.scene)
-        self.w: PaperWorkspace = make_paper_workspace(world.scene, machine.workspace, Config(seed=seed, gap=GAP))
+        data = make_replay_data(world.scene)
+        self.w: PaperWorkspace = make_paper_workspace(world.scene, data.workspace, Config(seed=seed, gap=GAP))
         self.w.iterate.angles[:], self.w.lower[:], self.w.upper[:] = angles, -3.0, 3.0
         self.scene, self.packed = pack(world.scene), pack(self.w)
         update_tree(self.scene, self.packed, 0)

@@ -13,7 +13,7 @@ from geomphys.config import Config
 from geomphys.driven.paper.descent import descend, fit_cone, joint_rotation
 from geomphys.driven.paper.state import PaperWorkspace, make_paper_workspace
 from geomphys.driven.reach_cones import cone_angle
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.load import load_world
 from geomphys.scene.kinematics import pose_tree
@@ -26,8 +26,8 @@ UPPER, LOWER = 0.3, 0.2  # m
 
 def workspace(world: World, angles: np.ndarray, low: float = -3.0, high: float = 3.0) -> PaperWorkspace:
     """The method's workspace with an iterate at `angles` and these limits."""
-    machine = make_machine(world.scene)
-    w = make_paper_workspace(world.scene, machine.workspace, Config())
+    data = make_replay_data(world.scene)
+    w = make_paper_workspace(world.scene, data.workspace, Config())
     w.iterate.angles[:] = angles
     w.lower[:], w.upper[:] = low, high
     w.cone_limit[:] = -math.pi

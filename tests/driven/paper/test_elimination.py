@@ -17,7 +17,7 @@ from geomphys.driven.paper.elimination import (
     translate_trees,
 )
 from geomphys.driven.paper.state import PaperWorkspace, make_paper_workspace
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
@@ -33,8 +33,8 @@ class Posed:
 
     def __init__(self, *things: Thing) -> None:
         made = make_scene(things)
-        machine = make_machine(made)
-        self.w: PaperWorkspace = make_paper_workspace(made, machine.workspace, Config(gap=GAP))
+        data = make_replay_data(made)
+        self.w: PaperWorkspace = make_paper_workspace(made, data.workspace, Config(gap=GAP))
         self.scene, self.packed = pack(made), pack(self.w)
         for tree in range(len(things)):
             if made.trees.role[tree] == s.DRIVEN:

@@ -19,7 +19,7 @@ from geomphys.driven.paper.update import (
     update_driven_as_published,
 )
 from geomphys.driven.state import STARTED_FREE, DrivenState
-from geomphys.engine.state import make_machine
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box
@@ -38,11 +38,11 @@ class Frames:
 
     def __init__(self, scene: s.Scene) -> None:
         self.made = scene
-        machine = make_machine(scene)
-        self.state: DrivenState = machine.driven
-        self.w: PaperWorkspace = make_paper_workspace(scene, machine.workspace, Config(gap=GAP))
+        data = make_replay_data(scene)
+        self.state: DrivenState = data.driven
+        self.w: PaperWorkspace = make_paper_workspace(scene, data.workspace, Config(gap=GAP))
         self.scene, self.packed_state, self.packed = pack(scene), pack(self.state), pack(self.w)
-        self.roots, self.poses = scene.trees.rest.copy(), machine.driven.last.poses.copy()
+        self.roots, self.poses = scene.trees.rest.copy(), data.driven.last.poses.copy()
         self.angles = np.zeros(len(scene.dofs.lower))
 
     def update(self, *position: float) -> tuple[int, int, bool, bool]:
@@ -51,7 +51,7 @@ class Frames:
         done = update_driven_as_published(
             self.scene, self.packed_state, self.packed, self.roots, self.angles, self.poses, DT
         )
-        return (done.passes, done.fallbacks, done.converged, done.shape_changed)
+        return (done.iterations, done.fallbacks, done.converged, done.shape_changed)
 
     @property
     def corrected(self) -> np.ndarray:

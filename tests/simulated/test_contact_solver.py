@@ -1,4 +1,4 @@
-"""Contact rows solved together: groups by a graph library, forces by non-negative least squares, friction by its cone."""
+"""Contact contacts solved together: groups by a graph library, forces by non-negative least squares, friction by its cone."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from scipy.sparse.csgraph import connected_components
 
 from geomphys.scene.arrays import SIMULATED
 from geomphys.scene.pieces import Box, Sphere
-from geomphys.simulated.motion import load_velocities
-from geomphys.simulated.settling import (
+from geomphys.simulated.contact_solver import (
     add_reversal,
-    begin_row,
+    begin_contact,
     disturb,
     extrapolated_impulse,
+    group_contacts,
     group_of,
-    group_rows,
     is_disturbed,
-    settle,
-    settle_normals,
+    solve_contacts,
+    solve_normals,
 )
+from geomphys.simulated.motion import load_velocities
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
 
@@ -40,17 +40,17 @@ def resting(seed: int, cubes: int, friction: float) -> Stage:
     velocity = stage.player.simulation.velocity
     velocity[:cubes] = rng.normal(size=(cubes, 6)) * [0.5, 0.5, 1, 0.5, 0.5, 0.5]
     velocity[:cubes:2, 2] = -abs(velocity[:cubes:2, 2])  # the lower ones fall
-    rows = stage.rows
-    rows["mode"], rows["friction"], rows["speed"], rows["target_speed"] = 1, friction, 1.0, 0.0
-    rows["normal_impulse"], rows["tangent_impulse"] = 0.0, 0.0
+    contacts = stage.contacts
+    contacts["mode"], contacts["friction"], contacts["speed"], contacts["target_speed"] = 1, friction, 1.0, 0.0
+    contacts["normal_impulse"], contacts["tangent_impulse"] = 0.0, 0.0
     return stage
 
 
 def jacobian(stage: Stage, names: tuple[str, ...]) -> np.ndarray:
-    """(n, 6 B) of the velocities along directions of the rows."""
-    rows, bodies = stage.rows, len(stage.bodies)
-    out = np.zeros((len(names) * len(rows), 6 * bodies))
-    for k, (r, name) in enumerate((r, name) for r in rows for name in names):
+    """(n, 6 B) of the velocities along directions of the contacts."""
+    contacts, bodies = stage.contacts, len(stage.bodies)
+    out = np.zeros((len(names) * len(contacts), 6 * bodies))
+    for k, (r, name) in enumerate((r, name) for r in contacts for name in names):
         for body, arm, sign in ((int(r["a"]), r["arm_a"], 1.0), (int(r["b"]), r["arm_b"], -1.0)):
             if stage.bodies["role"][body] == SIMULATED:
                 out[k, 6 * body : 6 * body + 6] = sign * np.array([*r[name], *np.cross(arm, r[name])])
@@ -81,19 +81,19 @@ def test_without_friction_velocities_are_the_nearest_that_no_contact_forbids(
     root, normals = root_of_masses(stage), jacobian(stage, ("normal",))
     force, _ = nnls(np.linalg.solve(root, normals.T), -root @ before, maxiter=1000)
     expected = before + np.linalg.solve(root @ root, normals.T @ force)
-    stage.call(settle, 2000, 0.0, normals_first)
+    stage.call(solve_contacts, 2000, 0.0, normals_first)
     after = stage.player.simulation.velocity.ravel()
     assert after == pytest.approx(expected, abs=2e-5)
-    assert (stage.rows["normal_impulse"] >= 0.0).all()
+    assert (stage.contacts["normal_impulse"] >= 0.0).all()
     assert (normals @ after >= -2e-5).all()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_friction_is_in_its_cone_and_sticks_or_opposes_the_sliding_with_all_of_it(seed: int) -> None:
     stage = resting(seed, 4, 0.3)
-    stage.call(settle, 4000, 0.0, False)
+    stage.call(solve_contacts, 4000, 0.0, False)
     v = (jacobian(stage, ("tangent", "binormal")) @ stage.player.simulation.velocity.ravel()).reshape(-1, 2)
-    p, j = stage.rows["normal_impulse"], stage.rows["tangent_impulse"]
+    p, j = stage.contacts["normal_impulse"], stage.contacts["tangent_impulse"]
     size, speed = np.linalg.norm(j, axis=1), np.linalg.norm(v, axis=1)
     assert (size <= 0.3 * p * (1.0 + 1e-9)).all()
     sliding = (speed > 1e-3) & (p > 1e-6)
@@ -111,45 +111,45 @@ def test_momentum_of_bodies_that_press_each_other_is_kept() -> None:
     velocity[:] = np.random.default_rng(0).normal(size=(2, 6))
     velocity[0, 2], velocity[1, 2] = 1.0, -1.0
     before = stage.motion["mass"] @ velocity[:, :3]
-    stage.rows["mode"], stage.rows["speed"] = 1, 1.0
-    stage.call(settle, 400, 0.0, False)
-    assert stage.rows["normal_impulse"].sum() > 0.1
+    stage.contacts["mode"], stage.contacts["speed"] = 1, 1.0
+    stage.call(solve_contacts, 400, 0.0, False)
+    assert stage.contacts["normal_impulse"].sum() > 0.1
     assert stage.motion["mass"] @ velocity[:, :3] == pytest.approx(before, abs=1e-12)
 
 
 def test_slow_groups_are_left_out() -> None:
     stage = resting(0, 4, 0.0)
-    first = np.isin(stage.rows["a"], (0, 1))
-    stage.rows["speed"] = np.where(first, 0.5, 2.0)
-    stage.call(settle, 100, 1.0, False)
-    assert (stage.rows["normal_impulse"][first] == 0.0).all()
-    assert (stage.rows["normal_impulse"][~first] > 0.0).any()
+    first = np.isin(stage.contacts["a"], (0, 1))
+    stage.contacts["speed"] = np.where(first, 0.5, 2.0)
+    stage.call(solve_contacts, 100, 1.0, False)
+    assert (stage.contacts["normal_impulse"][first] == 0.0).all()
+    assert (stage.contacts["normal_impulse"][~first] > 0.0).any()
 
 
 @pytest.mark.parametrize("seed", range(10))
 def test_groups_are_the_connected_components_of_the_rows(seed: int) -> None:
-    """Rows between random bodies; what is not simulated connects nothing, and rows that are left out do not either."""
+    """Contacts between random bodies; what is not simulated connects nothing, and contacts that are left out do not either."""
     rng = np.random.default_rng(seed)
-    balls, rows = 9, 8
+    balls, contacts = 9, 8
     stage = Stage(Player([*(Thing(shape=Sphere(0.05), at=(0.2 * k, 0, 0.05)) for k in range(balls)), floor()]))
-    stage.player.simulation.counts["rows"] = rows
-    a = rng.integers(0, balls, rows)
+    stage.player.simulation.counts["contacts"] = contacts
+    a = rng.integers(0, balls, contacts)
     b = np.array([balls if rng.random() < 0.4 else rng.choice(np.setdiff1d(np.arange(balls), [x])) for x in a])
-    stage.rows["a"], stage.rows["b"], stage.rows["mode"] = a, b, rng.choice([0, 1], rows, p=[0.2, 0.8])
-    solved = np.flatnonzero(stage.rows["mode"] == 1)
+    stage.contacts["a"], stage.contacts["b"], stage.contacts["mode"] = a, b, rng.choice([0, 1], contacts, p=[0.2, 0.8])
+    solved = np.flatnonzero(stage.contacts["mode"] == 1)
     edges = solved[b[solved] < balls]
     graph = coo_matrix((np.ones(len(edges)), (a[edges], b[edges])), shape=(balls, balls))
     _, label = connected_components(graph, directed=False)
-    stage.call(group_rows)
+    stage.call(group_contacts)
     bodies, order = stage.bodies, stage.player.simulation.order
     seen: list[int] = []
     for body in range(balls):
         group = int(stage.call(group_of, body))  # type: ignore[call-overload]
         assert group == np.flatnonzero(label == label[body])[0]  # its first body
         if group != body:
-            assert bodies["row_count"][body] == 0
+            assert bodies["contact_count"][body] == 0
             continue
-        end, count = int(bodies["row_end"][body]), int(bodies["row_count"][body])
+        end, count = int(bodies["contact_end"][body]), int(bodies["contact_count"][body])
         own = order[end - count : end].tolist()
         assert own == [k for k in solved if label[a[k]] == label[body]]  # in their order
         seen += own
@@ -158,12 +158,12 @@ def test_groups_are_the_connected_components_of_the_rows(seed: int) -> None:
 
 def test_a_row_is_visited_again_only_after_one_of_its_bodies_was_disturbed() -> None:
     stage = resting(0, 2, 0.0)
-    sim, rows = stage.sim, stage.rows
-    between = rows[np.flatnonzero((rows["a"] < 2) & (rows["b"] < 2))[0]]
+    sim, contacts = stage.sim, stage.contacts
+    between = contacts[np.flatnonzero((contacts["a"] < 2) & (contacts["b"] < 2))[0]]
     stage.bodies["disturbed"] = 0
-    for r in rows:
+    for r in contacts:
         r["visit"] = 5
-    ground = rows[np.flatnonzero(rows["b"] == 2)[0]]
+    ground = contacts[np.flatnonzero(contacts["b"] == 2)[0]]
     assert not is_disturbed(sim, ground)
     disturb(sim, between, 6)
     assert is_disturbed(sim, ground)  # it shares the lower cube
@@ -174,12 +174,12 @@ def test_a_row_is_visited_again_only_after_one_of_its_bodies_was_disturbed() -> 
 
 def test_an_extrapolated_impulse_goes_on_as_before_within_its_bounds() -> None:
     stage = resting(0, 1, 0.5)
-    r = stage.rows[0]
+    r = stage.contacts[0]
     r["normal_impulse"], r["tangent_impulse"] = 2.0, (0.2, 0.1)
-    begin_row(r)
+    begin_contact(r)
     r["normal_impulse"], r["tangent_impulse"] = 3.0, (0.3, -0.1)
     assert extrapolated_impulse(r, 0.5) == pytest.approx((3.5, 0.35, -0.2))
-    assert r["swept"] == pytest.approx([3.0, 0.3, -0.1])
+    assert r["previous_impulse"] == pytest.approx([3.0, 0.3, -0.1])
     assert r["normal_impulse"] == 3.0  # not set yet
     r["normal_impulse"], r["tangent_impulse"] = 1.0, (0.9, 0.0)
     n, t, b = extrapolated_impulse(r, 1.0)  # -1 would pull, and no normal force means no friction
@@ -187,15 +187,15 @@ def test_an_extrapolated_impulse_goes_on_as_before_within_its_bounds() -> None:
     r["normal_impulse"], r["tangent_impulse"] = 1.0, (0.9, 0.0)
     n, t, b = extrapolated_impulse(r, 1.0)
     assert (n, t, b) == pytest.approx((1.0, 0.5, 0.0))
-    r["impulse_limit"], r["swept"] = 1.2, (0.0, 0.0, 0.0)
+    r["impulse_limit"], r["previous_impulse"] = 1.2, (0.0, 0.0, 0.0)
     assert extrapolated_impulse(r, 1.0)[0] == 1.2
 
 
 def test_a_reversal_is_the_work_of_the_change_against_the_extrapolation() -> None:
     """Σ mass⁻¹ (extrapolated - now)·(now - before): positive where a sweep went back on it."""
     stage = resting(0, 1, 0.5)
-    r = stage.rows[0]
-    r["extrapolated"], r["swept"] = (2.0, 0.3, 0.0), (1.0, 0.1, -0.2)
+    r = stage.contacts[0]
+    r["extrapolated"], r["previous_impulse"] = (2.0, 0.3, 0.0), (1.0, 0.1, -0.2)
     r["normal_impulse"], r["tangent_impulse"] = 1.5, (0.2, 0.1)
     normal = (2.0 - 1.5) * (1.5 - 1.0) * r["inverse_mass_n"]
     tangential = ((0.3 - 0.2) * (0.2 - 0.1) + (0.0 - 0.1) * (0.1 + 0.2)) * r["inverse_mass_most"]
@@ -206,10 +206,10 @@ def test_normal_forces_are_found_first_only_where_none_is_known() -> None:
     for known in (False, True):
         stage = resting(1, 1, 0.0)
         stage.player.simulation.velocity[0] = (0, 0, -1, 0, 0, 0)
-        stage.call(group_rows)
-        count = len(stage.rows)
+        stage.call(group_contacts)
+        count = len(stage.contacts)
         if known:
-            stage.rows["tangent_impulse"][0] = (1e-9, 0.0)
-        stage.call(settle_normals, 0, count)
-        total = stage.rows["normal_impulse"].sum()
+            stage.contacts["tangent_impulse"][0] = (1e-9, 0.0)
+        stage.call(solve_normals, 0, count)
+        total = stage.contacts["normal_impulse"].sum()
         assert total == pytest.approx(0.0 if known else stage.motion["mass"][0], abs=1e-9)

@@ -1,6 +1,6 @@
-"""Solves contact rows together, each group of bodies in contact by itself: projected Gauss-Seidel sweeps with extrapolation.
+"""Solves contacts together, each group of bodies in contact by itself: projected Gauss-Seidel sweeps with extrapolation.
 
-A sweep visits the rows of a group, forwards and backwards so that forces travel up and down a stack. A group that has not
+A sweep visits the contacts of a group, forwards and backwards so that forces travel up and down a stack. A group that has not
 converged after some sweeps is extrapolated between them (Nesterov 1983), with a restart where the sweeps reverse the
 extrapolation (O'Donoghue and Candès 2015). A heap is solved less precisely: the next step goes on from there.
 """
@@ -9,61 +9,61 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel, outlined
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, sub
 from geomphys.simulated.contact_points import apply_impulses, speed_at
 from geomphys.simulated.impulses import solve_normal, stopping_impulse
-from geomphys.simulated.state import Row, Simulation, is_simulated
+from geomphys.simulated.state import ACTIVE, Contact, Simulation, is_simulated
 
-UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a row be visited again
+UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a contact be visited again
 STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
 STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
-HEAP = 24  # rows: groups with more are solved less precisely
+HEAP = 24  # contacts: groups with more are solved less precisely
 COARSE = 100.0  # times that precision ends their later sweeps: the next step goes on
 HEAP_STILL = 1e-7  # m/s does so too
 PLAIN = 8  # first sweeps, an even number, without extrapolation
 
 
 @kernel
-def local_impulse(r: Row) -> Vec:
-    """Impulses of a row along normal, tangent and binormal [N s]."""
+def local_impulse(r: Contact) -> Vec:
+    """Impulses of a contact along normal, tangent and binormal [N s]."""
     return (r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1])
 
 
 @kernel
-def begin_row(r: Row) -> None:
-    """Restart the extrapolation of a row from its impulses."""
+def begin_contact(r: Contact) -> None:
+    """Restart the extrapolation of a contact from its impulses."""
     j = local_impulse(r)
-    set_vec(r.swept, j)
+    set_vec(r.previous_impulse, j)
     set_vec(r.extrapolated, j)
 
 
 @kernel
-def add_reversal(along: float, r: Row) -> float:
-    """`along` and by how much the last two sweeps reversed the extrapolation of a row [J], for the gradient restart."""
+def add_reversal(along: float, r: Contact) -> float:
+    """`along` and by how much the last two sweeps reversed the extrapolation of a contact [J], for the gradient restart."""
     j = local_impulse(r)
-    gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.swept))
+    gradient, change = sub(vec_of(r.extrapolated), j), sub(j, vec_of(r.previous_impulse))
     along += gradient[0] * change[0] * r.inverse_mass_n
     along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
     return float(along)
 
 
 @kernel
-def extrapolated_impulse(r: Row, momentum: float) -> Vec:
-    """Impulses of a row extrapolated by `momentum` times their change in the last two sweeps, projected onto their bounds [N s].
+def extrapolated_impulse(r: Contact, momentum: float) -> Vec:
+    """Impulses of a contact, extrapolated by `momentum` times their change in two sweeps, projected onto their bounds [N s].
 
-    They are noted in the row, but not yet set.
+    They are noted in the contact, but not yet set.
     """
     j = local_impulse(r)
-    n, t, b = add_scaled(j, sub(j, vec_of(r.swept)), momentum)
+    n, t, b = add_scaled(j, sub(j, vec_of(r.previous_impulse)), momentum)
     n = min(r.impulse_limit, max(0.0, n))
     size, cap = math.sqrt(t * t + b * b), r.friction * n
     if size > cap:
         t, b = t * cap / size, b * cap / size
-    set_vec(r.swept, j)
+    set_vec(r.previous_impulse, j)
     set_vec(r.extrapolated, (n, t, b))
     return (n, t, b)
 
@@ -77,41 +77,41 @@ def group_of(sim: Simulation, body: int) -> int:
 
 
 @kernel
-def group_rows(sim: Simulation) -> None:
-    """Sort the rows whose `mode` is 1 by groups of simulated bodies that they connect, into `order`.
+def group_contacts(sim: Simulation) -> None:
+    """Sort the ACTIVE contacts by groups of simulated bodies that they connect, into `order`.
 
-    `row_count` and `row_end` of the body that stands for a group, its first, say where in `order` its rows are.
+    `contact_count` and `contact_end` of the body that stands for a group, its first, say where in `order` its contacts are.
     """
-    rows, bodies, count = sim.rows, sim.bodies, sim.counts.rows
+    contacts, bodies, count = sim.contacts, sim.bodies, sim.counts.contacts
     for s in range(len(sim.free)):
         body = bodies[sim.free[s]]
         body.contact_group = sim.free[s]
-        body.row_count = 0
+        body.contact_count = 0
     for k in range(count):
-        r = rows[k]
-        if r.mode == 1 and is_simulated(sim, r.b):
+        r = contacts[k]
+        if r.mode == ACTIVE and is_simulated(sim, r.b):
             a, b = group_of(sim, r.a), group_of(sim, r.b)
             bodies[max(a, b)].contact_group = min(a, b)
     for k in range(count):
-        r = rows[k]
-        if r.mode == 1:
-            bodies[group_of(sim, r.a)].row_count += 1
+        r = contacts[k]
+        if r.mode == ACTIVE:
+            bodies[group_of(sim, r.a)].contact_count += 1
     end = 0
     for s in range(len(sim.free)):
         body = bodies[sim.free[s]]
-        body.row_end = end
-        end += body.row_count
+        body.contact_end = end
+        end += body.contact_count
     for k in range(count):
-        if rows[k].mode == 1:
-            group = bodies[group_of(sim, rows[k].a)]
-            sim.order[group.row_end] = k
-            group.row_end += 1
+        if contacts[k].mode == ACTIVE:
+            group = bodies[group_of(sim, contacts[k].a)]
+            sim.order[group.contact_end] = k
+            group.contact_end += 1
 
 
 @kernel
-def visit(sim: Simulation, k: int) -> float:
-    """One visit to row k: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
-    r = sim.rows[k]
+def update_contact(sim: Simulation, k: int) -> float:
+    """One visit to contact k: its normal impulse, then its friction; returns how much they changed its velocity [m/s]."""
+    r = sim.contacts[k]
     v = speed_at(sim.velocity, r, r.a, r.b)
     n, x, y = local_impulse(r)
     after = n + (r.target_speed - dot(vec_of(r.normal), v)) / r.inverse_mass_n
@@ -131,8 +131,8 @@ def visit(sim: Simulation, k: int) -> float:
 
 
 @kernel
-def disturb(sim: Simulation, r: Row, number: int) -> None:
-    """Store that visit `number`, to row `r`, changed the velocities of its bodies, where their inverse masses are not zero."""
+def disturb(sim: Simulation, r: Contact, number: int) -> None:
+    """Store that visit `number`, to contact `r`, changed the velocities of its bodies that have a finite mass."""
     if sim.motion[r.a].inverse_mass > 0.0:
         sim.bodies[r.a].disturbed = number
     if sim.motion[r.b].inverse_mass > 0.0:
@@ -140,17 +140,17 @@ def disturb(sim: Simulation, r: Row, number: int) -> None:
 
 
 @kernel
-def is_disturbed(sim: Simulation, r: Row) -> bool:
-    """Whether the velocities of the bodies of row `r` have changed since it was visited."""
+def is_disturbed(sim: Simulation, r: Contact) -> bool:
+    """Whether the velocities of the bodies of contact `r` have changed since it was visited."""
     last = r.visit
     return sim.bodies[r.a].disturbed >= last or sim.bodies[r.b].disturbed >= last
 
 
 @kernel
 def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: float) -> None:
-    """Extrapolate the rows `first` to `end` of `order` by `momentum` times their last change, after visit `number`."""
+    """Extrapolate the contacts `first` to `end` of `order` by `momentum` times their last change, after visit `number`."""
     for i in range(first, end):
-        r = sim.rows[sim.order[i]]
+        r = sim.contacts[sim.order[i]]
         j = local_impulse(r)
         to = extrapolated_impulse(r, momentum)
         if to != j:
@@ -160,10 +160,10 @@ def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: fl
 
 
 @kernel
-def settle_normals(sim: Simulation, first: int, end: int) -> None:
-    """Sweeps over the normal impulses alone of the rows `first` to `end` of `order`: a start where no force is known yet."""
+def solve_normals(sim: Simulation, first: int, end: int) -> None:
+    """Sweeps over the normal impulses alone of the contacts `first` to `end` of `order`: a start where no force is known yet."""
     for i in range(first, end):
-        if local_impulse(sim.rows[sim.order[i]]) != (0.0, 0.0, 0.0):
+        if local_impulse(sim.contacts[sim.order[i]]) != (0.0, 0.0, 0.0):
             return
     for _ in range(START_SWEEPS):
         most = 0.0
@@ -175,19 +175,19 @@ def settle_normals(sim: Simulation, first: int, end: int) -> None:
 
 @kernel
 def begin_group(sim: Simulation, first: int, end: int) -> float:
-    """Begin the solve of the rows `first` to `end` of `order`; returns the fastest motion at one of them [m/s]."""
+    """Begin the solve of the contacts `first` to `end` of `order`; returns the fastest motion at one of them [m/s]."""
     fastest = 0.0
     for i in range(first, end):
-        r = sim.rows[sim.order[i]]
+        r = sim.contacts[sim.order[i]]
         r.visit = 0
         sim.bodies[r.a].disturbed = sim.bodies[r.b].disturbed = 0
         fastest = max(fastest, r.speed)
     return fastest
 
 
-@outlined
-def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float, later: float) -> None:
-    """`settle` for one group: the rows `first` to `end` of `order`.
+@noinline
+def solve_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float, later: float) -> None:
+    """`solve_contacts` for one group: the contacts `first` to `end` of `order`.
 
     Velocities get the `precision` [m/s], or after the first sweeps that of `later`.
     """
@@ -196,11 +196,11 @@ def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: 
         most, backwards = 0.0, sweep & 1 == 1
         for i in range(first, end):
             k = sim.order[first + end - 1 - i if backwards else i]
-            r = sim.rows[k]
+            r = sim.contacts[k]
             if is_disturbed(sim, r):
                 number += 1
                 r.visit = number
-                change = visit(sim, k)
+                change = update_contact(sim, k)
                 if change > UNFELT * precision:
                     disturb(sim, r, number)
                 most = max(most, change)
@@ -210,40 +210,40 @@ def settle_group(sim: Simulation, first: int, end: int, sweeps: int, precision: 
             continue
         if sweep + 1 == PLAIN:
             for i in range(first, end):
-                begin_row(sim.rows[sim.order[i]])
+                begin_contact(sim.contacts[sim.order[i]])
             continue
         before, along = momentum, 0.0
         momentum = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
         for i in range(first, end):
-            along = add_reversal(along, sim.rows[sim.order[i]])
+            along = add_reversal(along, sim.contacts[sim.order[i]])
         if along > 0.0:
             before = momentum = 1.0
         extrapolate(sim, first, end, number, (before - 1.0) / momentum)
 
 
 @kernel
-def settle(sim: Simulation, sweeps: int, slowest: float, normals_first: bool) -> None:
-    """Solve all rows whose `mode` is 1: v_n >= `target_speed`, normal impulses >= 0, friction within its cone.
+def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: bool) -> None:
+    """Solve all ACTIVE contacts: v_n >= `target_speed`, normal impulses >= 0, friction within its cone.
 
-    The rows start from their present impulses, which must already be part of `velocity`; with `normals_first` those of a group
-    that has none from what its normal impulses are without friction. Groups of bodies that no row connects are solved
-    independently, but for those without a row whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
+    They start from their present impulses, which must already be part of `velocity`; with `normals_first` those of a group
+    that has none from what its normal impulses are without friction. Groups of bodies that no contact connects are solved
+    independently, but for those without a contact whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
     velocity by more than `STILL_PART` of the fastest `speed`, `SLOWEST_PART` of `slowest`, or `STILL`, or after so many
-    `sweeps`. A row whose bodies have not changed since its last visit is skipped.
+    `sweeps`. A contact whose bodies have not changed since its last visit is skipped.
     """
-    group_rows(sim)
+    group_contacts(sim)
     for s in range(len(sim.free)):
         group = sim.bodies[sim.free[s]]
-        first, end = group.row_end - group.row_count, group.row_end
+        first, end = group.contact_end - group.contact_count, group.contact_end
         if first == end:
             continue
         fastest = begin_group(sim, first, end)
         if fastest < slowest:
             continue
         if normals_first:
-            settle_normals(sim, first, end)
+            solve_normals(sim, first, end)
         precision = max(STILL, STILL_PART * fastest)
         heap = end - first > HEAP
         later = COARSE * precision if heap else precision
         later = max(later, SLOWEST_PART * slowest, HEAP_STILL if heap else 0.0)
-        settle_group(sim, first, end, sweeps, precision, later)
+        solve_group(sim, first, end, sweeps, precision, later)
