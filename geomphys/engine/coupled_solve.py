@@ -22,7 +22,7 @@ from geomphys.simulated.state import ACTIVE, Contact, Simulation
 SWEEPS = 20  # sweeps of a step, which warm-starts the next one
 MAX_SWEEPS = 500  # sweeps of a step or an impact that has not converged before
 EXTRAPOLATED = 150  # first sweeps, with extrapolation between them; with friction it need not converge
-FULL = 16  # sweeps: the first two of so many visit all contacts, the others those that had an impulse
+FULL = 6  # sweeps: the first two of so many visit all contacts, the others those that had an impulse
 RELAXATION = 0.5  # factor of the later sweeps, which are under-relaxed instead
 CONVERGED_SPEED = 2e-5  # m/s: less than 0.1 um a step
 CREEPS = 1e-4  # m/s: a solve that ends with larger changes has not converged
