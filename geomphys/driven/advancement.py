@@ -4,7 +4,7 @@ Both bodies move on straight lines with constant angular velocity. The path is c
 that are a distance apart cannot touch before their relative motion has reached that distance; and where a direction, attached
 to the piece that rotates most, separates them now and at a later time, it does so in between, up to the curvature of the
 relative motion. An overlap on the path that is small relative to both pieces is tolerated: the ends of a path are free, or nearly
-so, and a piece that iterations through another reaches a depth of half the thickness of the thinner one.
+so, and a piece that passes through another reaches a depth of half the thickness of the thinner one.
 """
 
 from __future__ import annotations

@@ -126,9 +126,10 @@ def _zero_poses(scene: Scene) -> Floats:
     return poses
 
 
-def _supported_moments(scene: Scene, base: int, area: Floats, centre: Floats, second_moment: Floats) -> Floats:
-    """(9,) m², second moments about the centre of a base link of it and all links that it carries, joints at zero, its frame."""
-    poses = _zero_poses(scene)
+def _supported_moments(
+    scene: Scene, poses: Floats, base: int, area: Floats, centre: Floats, second_moment: Floats
+) -> Floats:
+    """(9,) m², second moments of a base link and all that it carries, at `poses` (B, 4, 4), about its centre, in its frame."""
     supported, total, moments = {base}, 0.0, np.zeros((3, 3))
     for body in range(base, len(scene.bodies.parent)):
         if body != base and int(scene.bodies.parent[body]) not in supported:
@@ -151,16 +152,17 @@ def make_links(scene: Scene, weights: Weights = WEIGHTS) -> Links:
         second_moment[body] = covariance.reshape(9)
     if (weight > 0.0).any():
         weight /= weight[weight > 0.0].mean()
-    pivot = scene.trees.body_start[:-1].copy()
+    pivot, poses = scene.trees.body_start[:-1].copy(), _zero_poses(scene)
     for tree in np.flatnonzero(scene.trees.role == DRIVEN):
         pivot[tree] = _pivot(scene, int(tree), weight)
     for tree in np.flatnonzero((scene.trees.chains == 1) & (scene.trees.role == DRIVEN)):
         if (scene.chains.tree == tree).any():
             base = int(pivot[tree])
-            second_moment[base] = weights.supported * _supported_moments(scene, base, weight, centre, second_moment)
+            second_moment[base] = weights.supported * _supported_moments(
+                scene, poses, base, weight, centre, second_moment
+            )
             weight[base] *= weights.base
     lever, is_unknown = np.full(dofs, SHORTEST_LEVER), np.zeros(dofs, np.int64)
-    poses = _zero_poses(scene)
     tip = np.zeros(bodies, np.int64)
     for body in np.flatnonzero(scene.bodies.role == DRIVEN):
         at = poses[body, :3, :3] @ centre[body] + poses[body, :3, 3]

@@ -31,10 +31,17 @@ EXTRAPOLATED, LAST_SHAPE, LAST, ALONG = 0, 1, 2, 3
 
 
 @kernel
+def wrapped(ws: DrivenWorkspace, q: int, value: float) -> float:
+    """A joint's offset or change, modulo 2π if it is periodic."""
+    if ws.links.periodic[q] == 1:
+        value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
+    return value
+
+
+@kernel
 def unwrapped_change(ws: DrivenWorkspace, q: int, change: float) -> float:
     """A joint's change in a step, modulo 2π if it is periodic; 0 if it jumped."""
-    if ws.links.periodic[q] == 1:
-        change -= 2.0 * math.pi * math.floor(change / (2.0 * math.pi) + 0.5)
+    change = wrapped(ws, q, change)
     return 0.0 if abs(change) > JUMP else change
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.engine.coupled_state import Coupled, Limit
+from geomphys.engine.coupled_state import Coupled, Inequality
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, sub
@@ -185,7 +185,7 @@ def extrapolate(sim: Simulation, c: Coupled, momentum: float) -> None:
 
 
 @kernel
-def note_idle_row(r: Contact) -> None:
+def note_idle_contact(r: Contact) -> None:
     """Store whether a contact that was just visited has no impulse; the extrapolation of one that is idle no more begins anew."""
     idle = 1 if local_impulse(r) == (0.0, 0.0, 0.0) else 0
     if idle == 0 and r.idle == 1:
@@ -194,8 +194,8 @@ def note_idle_row(r: Contact) -> None:
 
 
 @kernel
-def note_idle_limit(g: Limit) -> None:
-    """`note_idle_row` of a limit."""
+def note_idle_inequality(g: Inequality) -> None:
+    """`note_idle_contact` of an inequality."""
     idle = 1 if g.impulse == 0.0 else 0
     if idle == 0 and g.idle == 1:
         g.previous_impulse = g.extrapolated = g.impulse
@@ -204,7 +204,7 @@ def note_idle_limit(g: Limit) -> None:
 
 @kernel
 def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, full: bool, relaxation: float) -> float:
-    """One sweep over the ACTIVE contacts and the limits, over idle ones only if it is `full`.
+    """One sweep over the ACTIVE contacts and the inequalities, over idle ones only if it is `full`.
 
     Returns the largest change of a velocity [m/s].
     """
@@ -215,10 +215,10 @@ def sweep_contacts(sim: Simulation, c: Coupled, backwards: bool, full: bool, rel
         if k >= contacts:
             if full or c.inequalities[k - contacts].idle == 0:
                 most = max(most, update_inequality(c, k - contacts))
-                note_idle_limit(c.inequalities[k - contacts])
+                note_idle_inequality(c.inequalities[k - contacts])
         elif sim.contacts[k].mode == ACTIVE and (full or sim.contacts[k].idle == 0):
             most = max(most, update_contact(sim, c, sim.contacts[k], relaxation))
-            note_idle_row(sim.contacts[k])
+            note_idle_contact(sim.contacts[k])
     return most
 
 
@@ -232,14 +232,14 @@ def solve_contacts(sim: Simulation, c: Coupled, sweeps: int, precision: float) -
     `CONVERGED_SPEED`, or after `MAX_SWEEPS`: not converged if the last changed one by more than `CREEPS`. Returns the sweeps
     made.
     """
-    momentum, most, settled = 1.0, 0.0, False
+    momentum, most, has_converged = 1.0, 0.0, False
     begin_extrapolation(sim, c)
     for sweep in range(MAX_SWEEPS):
         backwards = sweep & 1 == 1
-        full = settled or sweep % FULL < 2 or sweep + 1 == MAX_SWEEPS
+        full = has_converged or sweep % FULL < 2 or sweep + 1 == MAX_SWEEPS
         most = sweep_contacts(sim, c, backwards, full, 1.0 if sweep < EXTRAPOLATED else RELAXATION)
-        settled = most <= precision or (sweep + 1 >= sweeps and most <= CONVERGED_SPEED)
-        if settled and full:
+        has_converged = most <= precision or (sweep + 1 >= sweeps and most <= CONVERGED_SPEED)
+        if has_converged and full:
             return sweep + 1
         if backwards and sweep < EXTRAPOLATED:
             before, momentum = momentum, 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))

@@ -20,7 +20,7 @@ FLOAT, INT = np.float64, np.int64
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
-Limit: TypeAlias = Any  # a record of `INEQUALITY`
+Inequality: TypeAlias = Any  # a record of `INEQUALITY`
 
 MAX_EFFECTS = 1 << 15
 MAX_INEQUALITIES = 1 << 11

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.coupling import relax, relax_offset
 from geomphys.driven.postures import Posture, copy_tree
-from geomphys.driven.starts import JUMP
+from geomphys.driven.starts import JUMP, wrapped
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.state import ReplayData
 from geomphys.jit.kernel import kernel, noinline
@@ -62,14 +62,6 @@ def solves(scene: Scene, c: Coupled, tree: int) -> bool:
     return bool(scene.trees.role[tree] == DRIVEN and c.trees[tree].solved == 1)
 
 
-@kernel
-def difference(data: ReplayData, q: int, value: float) -> float:
-    """Offset of a joint, modulo 2π if it is continuous."""
-    if data.workspace.links.periodic[q] == 1:
-        value -= 2.0 * math.pi * math.floor(value / (2.0 * math.pi) + 0.5)
-    return value
-
-
 @noinline
 def load_unknowns(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float) -> None:
     """Offsets, rates and recorded rates of all driven trees for the substep that ends at `roots` and `angles`.
@@ -92,9 +84,9 @@ def load_unknowns(scene: Scene, data: ReplayData, roots: Floats, angles: Floats,
             x.recorded_rate = (roots[tree, i] - state.recorded.roots[tree, i]) / dt
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             x = c.unknowns[unknown_of_joint(scene, q)]
-            x.offset = difference(data, q, state.last.angles[q] - state.recorded.angles[q])
+            x.offset = wrapped(data.workspace, q, state.last.angles[q] - state.recorded.angles[q])
             if t.touched == 0:
-                change = difference(data, q, x.offset - x.loaded_offset)
+                change = wrapped(data.workspace, q, x.offset - x.loaded_offset)
                 x.rate = change / solve.substep_duration if solve.started == 1 else 0.0
             x.loaded_offset = x.offset
             change = angles[q] - state.recorded.angles[q]

@@ -1,4 +1,4 @@
-"""Ways of two pieces against many moments of them: what is called free iterations through nothing, and free ways are found."""
+"""Ways of two pieces against many moments of them: what is called free passes through nothing, and free ways are found."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def check_kinematics(run: Run, folder: Path) -> None:
     robot = yourdfpy.URDF.load(str(folder / "hand.urdf"), load_meshes=False, build_scene_graph=True)
     root = run.body("hand/palm")
     for angles, poses in zip(run.angles[::7], run.corrected[::7], strict=True):
-        robot.update_cfg(dict.fromkeys(run.world.dof_names, 1.0))  # it iterations over changes of less than 1e-8
+        robot.update_cfg(dict.fromkeys(run.world.dof_names, 1.0))  # it passes over changes of less than 1e-8
         robot.update_cfg(dict(zip(run.world.dof_names, angles, strict=True)))
         for name in robot.link_map:
             expected = pose_from_matrix(compose(matrix_from_pose(poses[root]), robot.get_transform(name, "palm")))

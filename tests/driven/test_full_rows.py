@@ -1,4 +1,4 @@
-"""Rows of the solvers beyond the capacity of their table: counted, flagged, and nothing iterations through anything."""
+"""Rows of the solvers beyond the capacity of their table: counted, flagged, and nothing passes through anything."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_one_that_is_farther_than_its_squeeze_is_not_drawn(squeeze: float) -> No
 
 
 def test_the_nearest_points_share_the_force() -> None:
-    """Three of four points are lifted: the fourth alone iterations it on, and the whole stays the same."""
+    """Three of four points are lifted: the fourth alone passes it on, and the whole stays the same."""
     stage = cube_on_plate(GAP)
     stage.contacts["clearance"][1:] = 1e-3
     a, b = int(stage.contacts["a"][0]), int(stage.contacts["b"][0])
