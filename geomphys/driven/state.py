@@ -93,6 +93,9 @@ LINK_OFFSET = np.dtype(
         ("angular_velocity", np.float64, 3),  # rad/s: rate of `rotation`
         ("last_translation", np.float64, 3),  # `translation` at the end of the last step
         ("last_rotation", np.float64, 3),
+        ("contact_velocity", np.float64, 3),  # m/s: what of `velocity` contacts have set
+        ("contact_angular_velocity", np.float64, 3),  # rad/s
+        ("recorded_velocity", np.float64, 3),  # m/s, of the link's centre in the last step
     ]
 )
 """Offset of a link from its recorded pose, and its rates."""

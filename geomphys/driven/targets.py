@@ -27,6 +27,7 @@ from geomphys.numerics.vec3 import (
     quat_mul,
     quat_unit,
     rotation_vector,
+    scale,
     sub,
 )
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -38,6 +39,7 @@ NO_TRANSLATION = 1e-6  # m: smaller translations of links count as zero
 NO_ROTATION = 1e-6  # rad: smaller rotation offsets of links count as zero
 DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the coupling in a frame: times its motion
 MIN_DEVIATION = 1.4e-3  # m: the same, at least
+COMING_TO_REST = 0.25  # of its speed in the last step: a slower recorded link comes to rest
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
 
@@ -59,6 +61,7 @@ def clear_link_offset(state: DrivenState, body: int) -> None:
     for i in range(3):
         offset.translation[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
         offset.last_translation[i] = offset.last_rotation[i] = 0.0
+        offset.contact_velocity[i] = offset.contact_angular_velocity[i] = offset.recorded_velocity[i] = 0.0
 
 
 @kernel
@@ -80,6 +83,30 @@ def _set_link_target(ws: DrivenWorkspace, recorded: Floats, body: int, translati
     set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), translation), q)
 
 
+@kernel
+def _retained_rate(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, body: int, dt: float) -> float:
+    """Share, 0 to 1, of the rate set by contacts with which an offset goes on: less where the recorded motion comes to an end."""
+    before = dt * norm(vec_of(state.link_offsets[body].recorded_velocity))
+    moved = norm(sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body)))
+    return 1.0 if moved >= COMING_TO_REST * before else moved / (COMING_TO_REST * before)
+
+
+@kernel
+def _drop_rates(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+    """Rates that contacts have set end where the recorded motion ends: what is held still in contact stays at rest."""
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        lost = 1.0 - _retained_rate(state, ws, recorded, body, dt)
+        if lost == 0.0:
+            continue
+        o = state.link_offsets[body]
+        for i in range(3):
+            o.velocity[i] -= lost * o.contact_velocity[i]
+            o.angular_velocity[i] -= lost * o.contact_angular_velocity[i]
+            if body == ws.links.pivot[tree]:
+                state.offset_velocity[tree, i] -= lost * o.contact_velocity[i]
+                state.last_offset_velocity[tree, i] -= lost * o.contact_velocity[i]
+
+
 @noinline
 def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Relax the offsets of a tree, and set the targets of its links.
@@ -87,6 +114,8 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     Stores the rates, so that their change by impulses until the next step can be found.
     """
     trees, first = scene.trees, scene.trees.body_start[tree]
+    if dt > 0.0:
+        _drop_rates(scene, state, ws, tree, recorded, dt)
     velocity_change = sub(vec_at(state.offset_velocity, tree), vec_at(state.last_offset_velocity, tree))
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
@@ -171,18 +200,22 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
 
 
 @kernel
-def _set_rate_along(rate: Floats, change: Vec, moved: Vec, per_second: float) -> None:
+def _set_rate_along(rate: Floats, by_contacts: Floats, change: Vec, moved: Vec, per_second: float) -> None:
     """Set the rate (3,) of an offset along its change by contacts to that of its motion in the step, `per_second` times it.
+
+    `by_contacts` (3,) is what is so set.
 
     It does not go on against what it touched. Without it an offset that contacts change would stand still as soon as they end.
     """
     size = norm(change)
+    set_vec(by_contacts, (0.0, 0.0, 0.0))
     if size <= MOVED:
         return
     along, present = per_second * dot(moved, change) / size, dot(vec_of(rate), change) / size
     if along < 0.0 or present < along:
         for i in range(3):
             rate[i] += (along - present) * change[i] / size
+            by_contacts[i] = along * change[i] / size
 
 
 @noinline
@@ -215,11 +248,22 @@ def store_tree_offsets(
             translation = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
         o = state.link_offsets[body]
         change, moved = sub(translation, vec_of(o.translation)), sub(translation, vec_of(o.last_translation))
-        _set_rate_along(o.velocity, change, moved, growing if dot(moved, change) > 0.0 else shrinking)
+        _set_rate_along(
+            o.velocity, o.contact_velocity, change, moved, growing if dot(moved, change) > 0.0 else shrinking
+        )
         change, moved = sub(rotation, vec_of(o.rotation)), sub(rotation, vec_of(o.last_rotation))
-        _set_rate_along(o.angular_velocity, change, moved, growing if dot(moved, change) > 0.0 else shrinking)
+        _set_rate_along(
+            o.angular_velocity,
+            o.contact_angular_velocity,
+            change,
+            moved,
+            growing if dot(moved, change) > 0.0 else shrinking,
+        )
         set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
+        if state.progress.dt > 0.0:
+            path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
+            set_vec(o.recorded_velocity, scale(path, 1.0 / state.progress.dt))
     state.general_motion[tree] = 1 if general_motion else 0
     if not general_motion:
         for body in range(root, scene.trees.body_start[tree + 1]):

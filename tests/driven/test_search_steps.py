@@ -106,13 +106,15 @@ def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
 def test_a_contact_gives_an_offset_the_rate_along_it_of_its_motion(
     rate: tuple[float, ...], moved: tuple[float, ...], after: tuple[float, ...]
 ) -> None:
-    values = np.array(rate)
-    _set_rate_along(values, (0.0, 0.0, 0.0), moved, 100.0)
+    values, by_contacts = np.array(rate), np.ones(3)
+    _set_rate_along(values, by_contacts, (0.0, 0.0, 0.0), moved, 100.0)
     assert values.tolist() == list(rate)
-    _set_rate_along(values, (0.0, 0.0, 0.01), moved, 100.0)
+    assert by_contacts.tolist() == [0.0, 0.0, 0.0]
+    _set_rate_along(values, by_contacts, (0.0, 0.0, 0.01), moved, 100.0)
     assert values == pytest.approx(after, abs=1e-15)
+    assert by_contacts == pytest.approx((0.0, 0.0, after[2] if after != rate else 0.0), abs=1e-15)
     values[:] = rate
-    _set_rate_along(values, (0.0, 0.0, 0.01), moved, 0.0)
+    _set_rate_along(values, by_contacts, (0.0, 0.0, 0.01), moved, 0.0)
     assert values == pytest.approx((rate[0], rate[1], max(rate[2], 0.0)), abs=1e-15)
 
 

@@ -49,6 +49,32 @@ def test_free_motion_is_the_recording_bit_for_bit(tmp_path: Path) -> None:
         assert run.figures("correction_m").max() == run.figures("contacts").max() == 0.0
 
 
+@pytest.mark.parametrize("rate", [30.0, 60.0, 240.0])
+@pytest.mark.parametrize("mode", ["rigid", "chains"])
+def test_what_is_pressed_in_fast_and_then_held_still_stays_at_rest(tmp_path: Path, mode: str, rate: float) -> None:
+    """A hand comes down at 0.6 m/s and stops within a frame, 10 mm inside a table; then no link moves by 0.1 mm a frame."""
+    avatar = (
+        '[[avatar]]\nname="hand"\nurdf="hand.urdf"\nmode="{}"\nmaterial="human"\n'
+        'root={{topic="/wrist"}}\njoints={{topic="/angles"}}\n'
+    )
+    urdf(
+        tmp_path / "hand.urdf",
+        link("palm", '<geometry><box size="0.1 0.1 0.02"/></geometry>'),
+        link("finger", '<origin xyz="0.04 0 0"/><geometry><box size="0.06 0.02 0.02"/></geometry>'),
+        joint("knuckle", "palm", "finger", inside='<axis xyz="0 1 0"/>', xyz="0.05 0 0"),
+    )
+    height = np.concatenate([np.arange(0.06, 0.0, -0.6 / rate), np.full(int(rate), 0.0)])
+    run = play(
+        tmp_path, [TABLE], avatars=avatar.format(mode), rate=rate,
+        roots={"/wrist": np.column_stack([0.0 * height, 0.0 * height, height])},
+        angles={"/angles": (["knuckle"], 0.1 + 0.0 * height[:, None])},
+    )  # fmt: skip
+    assert_free(run)
+    at_rest = run.corrected[height == 0.0][1:]
+    assert len(at_rest) > 0.9 * rate
+    assert np.linalg.norm(np.diff(at_rest[:, :, :3], axis=0), axis=2).max() < 1e-4
+
+
 @pytest.mark.parametrize("speed", [0.5, 3.0, 20.0])
 @pytest.mark.parametrize("spin", [0.0, 9.0])
 def test_nothing_passes_a_thin_panel(tmp_path: Path, speed: float, spin: float) -> None:
