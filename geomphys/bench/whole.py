@@ -15,12 +15,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mcap.writer import Writer
-
 from geomphys.bench.experiments import ExperimentFiles
 from geomphys.bench.report import BatchTime, ProcessTime, Share
 from geomphys.errors import GeomphysError
 from geomphys.output.input_copy import MessageCopy
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.output_log import open_output
 from geomphys.recording.reader import RawMessage, open_log
 from geomphys.storage.child_process import ending_with_this_process
@@ -102,11 +101,11 @@ def cut_clips(log: Path, folder: Path, count: int) -> float:
     parts = [part for part in parts if part and _span_ns(part) > CLIP_NS // 2]
     for number, part in enumerate(parts[:count]):
         with (folder / f"clip_{number:05}.mcap").open("wb") as stream:
-            writer, messages = Writer(stream), MessageCopy(channels)
-            writer.start(library="geomphys bench")
+            writer, messages = McapWriter(stream), MessageCopy(channels)
+            writer.start(profile="", library="geomphys bench")
             for message in part:
                 messages.add(message, writer)
-            writer.finish()  # type: ignore[no-untyped-call]  # the package has no annotation there
+            writer.finish()
     for number in range(len(parts), count):
         shutil.copyfile(folder / f"clip_{number % len(parts):05}.mcap", folder / f"clip_{number:05}.mcap")
     return sum(_span_ns(parts[number % len(parts)]) * 1e-9 for number in range(count))
@@ -120,8 +119,9 @@ def _span_ns(messages: Sequence[RawMessage]) -> int:
 def _run(arguments: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of a command with all its processes, which may keep the bytecode of modules."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    # an installed package has it: without it a start takes twice as long
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    environment.pop(
+        "PYTHONDONTWRITEBYTECODE", None
+    )  # an installed package has it: without it a start takes twice as long
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
         ending_with_this_process([sys.executable, "-m", "geomphys", *arguments]),

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mcap.writer import Writer
-
+from geomphys.output.mcap_writer import McapWriter
 from geomphys.recording.reader import LogChannel, RawMessage, open_log
 from geomphys.storage.remote_files import AnyPath
 
@@ -28,7 +27,7 @@ class MessageCopy:
         self._channels: dict[tuple[object, ...], int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
 
-    def add(self, message: RawMessage, file: Writer) -> None:
+    def add(self, message: RawMessage, file: McapWriter) -> None:
         """Write a message, with its original times; `file` is the same in every call."""
         channel = self._log_channels[message.key]
         schema = (channel.schema_name, channel.schema_encoding, channel.schema_data)
@@ -65,13 +64,13 @@ class InputCopy:
         self._next = next(self._items, None)
         self._messages = MessageCopy(self._reader.channels, prefix=PREFIX)
 
-    def copy_until(self, time: int, file: Writer) -> None:
+    def copy_until(self, time: int, file: McapWriter) -> None:
         """Copy the messages logged up to `time` [ns]."""
         while self._next is not None and self._next.log_time <= time:
             self._messages.add(self._next, file)
             self._next = next(self._items, None)
 
-    def close(self, file: Writer, copy_remaining: bool) -> None:
+    def close(self, file: McapWriter, copy_remaining: bool) -> None:
         """Close the log, after copying the remaining messages if `copy_remaining`."""
         while copy_remaining and self._next is not None:
             self._messages.add(self._next, file)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
-from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
@@ -32,6 +32,7 @@ from geomphys.output.encoders import (
 )
 from geomphys.output.finite_check import first_non_finite
 from geomphys.output.input_copy import InputCopy
+from geomphys.output.mcap_writer import McapWriter, Messages
 from geomphys.output.proto.geomphys_pb2 import Contacts, FrameMetrics, PenetrationDepths, Timing
 from geomphys.output.provenance import METADATA_RECORD, Provenance
 from geomphys.output.result_buffer import ResultBuffer
@@ -69,13 +70,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class FrameMessage(NamedTuple):
-    """A message of the output that is not in the file yet."""
+class Column(NamedTuple):
+    """Messages of a topic, one in each of k rows of a batch."""
 
     topic: str
-    frame: int
-    time_ns: int
-    data: bytes
+    rows: Ints  # (k,)
+    data: Sequence[bytes]
 
 
 class McapSink(ContextManaged):
@@ -123,7 +123,7 @@ class McapSink(ContextManaged):
         self._files = scene_files(world)
         self._input = InputCopy(self._input_path, config.recover) if self._input_path else None
         self._output = output
-        self._file = Writer(output.stream)
+        self._file = McapWriter(output.stream)
         self._file.start(profile=self.profile, library=f"geomphys {__version__}")
         self._declare_channels()
         self._prepare_messages()
@@ -188,7 +188,7 @@ class McapSink(ContextManaged):
                     log_error, complete = problem, False
             record = self._provenance.record(complete=complete, intersection_volume_m3=self._volume)
             self._file.add_metadata(METADATA_RECORD, record)
-            self._file.finish()  # type: ignore[no-untyped-call]
+            self._file.finish()
         except OSError as problem:
             output.discard()
             raise output.error(problem) from problem
@@ -198,54 +198,74 @@ class McapSink(ContextManaged):
 
     def _write_batch(self, results: ResultColumns) -> None:
         """Write frames; all of them also where the input log cannot be copied, which is raised at the end."""
-        log_error: LogError | None = None
-        times = results.times_ns.tolist()
+        times = results.times_ns
         if not self._started:
-            self._write_static_messages(times[0])
-        for of_frame, time in zip(self._messages(results), times, strict=True):
-            if self._input is not None and log_error is None:
+            self._write_static_messages(int(times[0]))
+        columns = [*self._columns(results)]
+        rows = np.concatenate([column.rows for column in columns])
+        channels = np.repeat([self._channels[c.topic] for c in columns], [len(c.rows) for c in columns])
+        data = list(chain.from_iterable(column.data for column in columns))
+        numbers, stamps = results.indices[rows], times[rows]
+        lines = list(self._lines(results))
+        if lines:
+            row, index, time, line = zip(*lines, strict=True)
+            rows, channels = np.append(rows, row), np.append(channels, [self._channels["/log"]] * len(lines))
+            numbers, stamps, data = np.append(numbers, index), np.append(stamps, time), [*data, *line]
+        order = np.argsort(rows, kind="stable")
+        in_order = Messages(
+            channels[order], numbers[order], stamps[order], stamps[order], [data[k] for k in order.tolist()]
+        )
+        if self._input is None:
+            self._file.add_messages(in_order)
+        else:
+            self._write_with_input(self._input, times, rows[order], in_order)
+
+    def _write_with_input(self, copied: InputCopy, times: Ints, rows: Ints, messages: Messages) -> None:
+        """Write the messages of frames at times (n,), those of `rows` (k,), after what the input log has up to each."""
+        log_error: LogError | None = None
+        ends = np.searchsorted(rows, np.arange(len(times) + 1)).tolist()
+        for time, (start, end) in zip(times.tolist(), pairwise(ends), strict=True):
+            if log_error is None:
                 try:
-                    self._input.copy_until(time, self._file)
+                    copied.copy_until(time, self._file)
                 except LogError as problem:
                     log_error = problem
-            for message in of_frame:
-                self._add(message)
+            self._file.add_messages(Messages._make(column[start:end] for column in messages))
         if log_error is not None:
             raise log_error
 
-    def _messages(self, results: ResultColumns) -> Iterator[list[FrameMessage]]:
-        """Encode frames; yields the messages of each."""
+    def _columns(self, results: ResultColumns) -> Iterator[Column]:
+        """Encode frames; the messages of a frame are in the order of the columns."""
         encoder, frames, times = self._frame_encoder, results.indices, results.times_ns
         contacts, pairs = frame_columns.all_contacts(results), frame_columns.all_penetrations(results)
-        columns = [
-            ("/tf", self._encode_transforms(results.corrected, times)),
-            ("/recorded/tf", self._recorded.encode(results.recorded[:, self._driven], times)),
-            *self._encode_joints(results, times),
-            ("/contacts", encoder.contacts(contacts, frames, times)),
+        every = np.arange(len(results))
+        touching = contacts.counts > 0
+        shown = np.flatnonzero(touching | np.concatenate([[self._had_contacts], touching[:-1]]))
+        self._had_contacts = bool(touching[-1])
+        yield Column("/tf", every, self._encode_transforms(results.corrected, times))
+        yield Column("/recorded/tf", every, self._recorded.encode(results.recorded[:, self._driven], times))
+        yield from self._encode_joints(results)
+        yield Column("/contacts", every, encoder.contacts(contacts, frames, times))
+        for topic, data in (
             ("/contacts/points", self._points.encode(contacts, times)),
             ("/contacts/scene", self._arrows.encode(contacts, times, self._durations(times))),
-            ("/penetration", encoder.penetrations(pairs, frames, times)),
-            ("/metrics", encoder.metrics(results.metrics, frames, times)),
-        ]
+        ):
+            yield Column(topic, shown, [data[row] for row in shown.tolist()])
+        yield Column("/penetration", every, encoder.penetrations(pairs, frames, times))
+        yield Column("/metrics", every, encoder.metrics(results.metrics, frames, times))
         if self._timing:
             stages = results.stages, results.stage_ns, results.stage_counts
-            columns.append(("/timing", encoder.timing(*stages, frames, times)))
-        rows = zip(frames.tolist(), times.tolist(), contacts.counts.tolist(), strict=True)
-        for row, (index, time, touching) in enumerate(rows):
-            is_shown = touching or self._had_contacts
-            self._had_contacts = touching > 0
-            found = [
-                FrameMessage(topic, index, time, data[row])
-                for topic, data in columns
-                if is_shown or topic not in _SHOWN_CONTACTS
-            ]
-            lines = results.messages.get(row, ())
-            found += [FrameMessage("/log", index, time, encoder.log(*line, time)) for line in lines]
-            found += [
-                FrameMessage("/log", m.frame, m.time_ns, encoder.log("info", log_text(m), m.time_ns))
-                for m in results.moments.get(row, ())
-            ]
-            yield found
+            yield Column("/timing", every, encoder.timing(*stages, frames, times))
+
+    def _lines(self, results: ResultColumns) -> Iterator[tuple[int, int, int, bytes]]:
+        """Row, number of the frame, time [ns] and message of the log lines that follow the messages of the rows."""
+        encoder = self._frame_encoder
+        for row in sorted(results.messages.keys() | results.moments.keys()):
+            frame = results.frames[row]
+            for line in results.messages.get(row, ()):
+                yield row, frame.index, frame.time_ns, encoder.log(*line, frame.time_ns)
+            for m in results.moments.get(row, ()):
+                yield row, m.frame, m.time_ns, encoder.log("info", log_text(m), m.time_ns)
 
     def _durations(self, times: Ints) -> Floats:
         """Durations (n,) [s] of the next frames."""
@@ -260,17 +280,14 @@ class McapSink(ContextManaged):
         rest = slice(len(first), None)
         return first + self._transforms.encode(corrected[rest, self._moving], times[rest])
 
-    def _encode_joints(self, results: ResultColumns, times: Ints) -> Iterator[tuple[str, list[bytes]]]:
-        """Topic and messages of the joints of each avatar."""
+    def _encode_joints(self, results: ResultColumns) -> Iterator[Column]:
+        """The joints of each avatar."""
+        every = np.arange(len(results))
         for topic, encoder, start, end in self._joints:
-            yield topic, encoder.encode(results.angles[:, start:end], times)
-
-    def _add(self, message: FrameMessage) -> None:
-        channel, time = self._channels[message.topic], message.time_ns
-        self._file.add_message(channel, time, message.data, time, message.frame & 0xFFFFFFFF)
+            yield Column(topic, every, encoder.encode(results.angles[:, start:end], results.times_ns))
 
     def _write_message(self, topic: str, data: bytes, time: int) -> None:
-        self._add(FrameMessage(topic, 0, time, data))
+        self._file.add_message(self._channels[topic], time, data, time)
 
     def _declare_channels(self) -> None:
         file, schemas = self._file, dict[str, int]()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geomphys.output.encoders import JOINT_STATE_DEFINITION, STRING_DEFINITION
-from geomphys.output.mcap_sink import FrameMessage, McapSink
+from geomphys.output.mcap_sink import Column, McapSink
 from geomphys.output.ros2_messages import (
     MARKERS_DEFINITION,
     TF_DEFINITION,
@@ -69,21 +69,22 @@ class Ros2Sink(McapSink):
         self._tf_recorded = TransformsCdrEncoder([f"recorded/{names[b]}" for b in self._driven])
         self._markers = ContactMarkersEncoder()
 
-    def _messages(self, results: ResultColumns) -> Iterator[list[FrameMessage]]:
-        times = results.times_ns
-        joints, durations = dict(self._encode_joints(results, times)), self._durations(times)
-        for row, (index, time) in enumerate(zip(results.indices.tolist(), times.tolist(), strict=True)):
-            contacts = results.result(row).contacts
-            found = {
-                "/tf": self._tf.encode(results.corrected[row, self._moving], time),
-                "/recorded/tf": self._tf_recorded.encode(results.recorded[row, self._driven], time),
-                **{topic: data[row] for topic, data in joints.items()},
-                "/contacts/markers": self._markers.encode(contacts, time, durations[row]),
-            }
-            if not self._has_transforms:
-                self._has_transforms = True
-                found = {"/tf_static": self._tf_static.encode(results.corrected[row, self._still], time), **found}
-            yield [FrameMessage(topic, index, time, data) for topic, data in found.items()]
+    def _columns(self, results: ResultColumns) -> Iterator[Column]:
+        every, times = np.arange(len(results)), results.times_ns.tolist()
+        if not self._has_transforms:
+            self._has_transforms = True
+            yield Column("/tf_static", every[:1], [self._tf_static.encode(results.corrected[0, self._still], times[0])])
+        moving, driven = results.corrected[:, self._moving], results.recorded[:, self._driven]
+        yield Column("/tf", every, [self._tf.encode(*row) for row in zip(moving, times, strict=True)])
+        yield Column("/recorded/tf", every, [self._tf_recorded.encode(*row) for row in zip(driven, times, strict=True)])
+        yield from self._encode_joints(results)
+        durations = self._durations(results.times_ns).tolist()
+        contacts = (results.result(row).contacts for row in range(len(results)))
+        rows = zip(contacts, times, durations, strict=True)
+        yield Column("/contacts/markers", every, [self._markers.encode(*row) for row in rows])
+
+    def _lines(self, results: ResultColumns) -> Iterator[tuple[int, int, int, bytes]]:
+        return iter(())
 
     def _write_surfaces(self, time: int) -> None:
         self._write_message("/meshes", encode_surface_markers(self._world, time), time)
