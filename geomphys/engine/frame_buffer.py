@@ -21,7 +21,7 @@ from geomphys.scene.arrays import SIMULATED, Scene
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FRAMES = 64  # a block
+FRAMES = 128  # a block
 CONTACTS = 1 << 15  # rows for a block
 RESERVE = 1 << 14  # rows a frame may need; a block ends early when fewer are left
 

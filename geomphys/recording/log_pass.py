@@ -42,6 +42,10 @@ class LogPass:
         self.times = source.times.fresh_copy()
         delay = round(self.config.max_delay * 1e9)
         self.stamp_monitor = StampMonitor(source.reader.path, delay) if self.config.time != "log" else None
+        self._monitored: dict[int, str] = {}  # channel -> its topic, if stamps are monitored there
+        if self.stamp_monitor is not None:
+            channels = source.reader.channels
+            self._monitored = {key: c.topic for key, c in channels.items() if not is_static(c.topic)}
         scene = self.world.scene
         gap = round(self.config.max_gap * 1e9)
         self.gap = gap
@@ -203,8 +207,9 @@ class LogPass:
 
     def _check_stamp(self, key: int, part: str, stamp: int | None, time: int, raw: RawMessage) -> None:
         """Check the stamp of a message against earlier ones; raises LogError where they are inconsistent."""
-        topic = self.source.reader.channels[key].topic
-        if self.stamp_monitor is not None and (stamp or self.config.time == "publish") and not is_static(topic):
+        topic = self._monitored.get(key)
+        if topic is not None and (stamp or self.config.time == "publish"):
+            assert self.stamp_monitor is not None
             self.stamp_monitor.add(topic, part, time, raw.log_time)
 
     def _add_clock_time(self, time: int) -> None:
@@ -259,7 +264,7 @@ class LogPass:
         np.minimum(self.min_angles, angles, out=self.min_angles)
         np.maximum(self.max_angles, angles, out=self.max_angles)
         outside = (angles < self._least) | (angles > self._most)
-        if not outside.any():
+        if True not in outside.tolist():
             return 0
         self.outside_frames += outside
         if not self.config.clamp_limits:

@@ -180,6 +180,13 @@ class LogReader:
             next_start = unread_spans[0][1][1].first if unread_spans else None
             while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0][0] < next_start):
                 run = pending[0][1]
+                if len(pending) == 1 and (next_start is None or run[-1][0] < next_start):  # nothing comes in between
+                    pending.clear()
+                    size = 0
+                    for log_time, _, key, publish_time, data, sequence in run:
+                        if keys is None or key in keys:
+                            yield RawMessage(key, log_time, publish_time, data, sequence)
+                    break
                 log_time, _, key, publish_time, data, sequence = run.popleft()
                 if run:
                     heapreplace(pending, (run[0], run))

@@ -201,11 +201,14 @@ class JointRoute:
             wraps = np.array([int(c) in continuous for c in self.columns])
             self.stream = JointStream(len(self.columns), max_gap, holds_bad_samples=holds_bad_samples, wraps=wraps)
             self.stream.first = np.array([columns[int(c)] for c in self.columns])
+        self._converts = bool((self.scale != 1.0).any()) or not bool((np.signbit(self.offsets) & (self.offsets == 0)).all())
         self.latest = NEVER
         self.out_of_order = self.max_disorder = 0
         self.names: set[str] = set()
         self.length_mismatches = LengthMismatches()
         self._column_maps: dict[tuple[str, ...], _ColumnMap] = {}
+        self._last_names: tuple[str, ...] = ()  # of the message before, and their map
+        self._last_map = self._make_column_map(())
 
     def add(self, time: int, message: JointSample) -> bool:
         """Add a message; False if it is of the other side's glove."""
@@ -218,20 +221,25 @@ class JointRoute:
             self.max_disorder = max(self.max_disorder, self.latest - time)
         else:
             self.latest = time
-        names, sample = tuple(message.names), message.usable_values
-        column_map = self._column_maps.get(names)
-        if column_map is None:
-            column_map = self._make_column_map(names)
+        names, sample = message.names, message.usable_values
+        if names is self._last_names:
+            column_map = self._last_map
+        else:
+            names = tuple(names)
+            found = self._column_maps.get(names)
+            column_map = self._make_column_map(names) if found is None else found
+            self._last_names, self._last_map = names, column_map
         if self.stream is None or len(sample) == 0 or len(column_map.source) == 0:
             return True
         values = np.array(sample, dtype=np.float64)[column_map.source]
         if column_map.is_whole:
-            values *= self.scale
-            values += self.offsets
-            good = np.abs(values) < VALUE_LIMIT
-            if good.all():
-                self.stream.add(time, values)
+            if self._converts:
+                values *= self.scale
+                values += self.offsets
+            if np.maximum.reduce(np.abs(values)) < VALUE_LIMIT:  # none is NaN either
+                self.stream.add(time, values, full=True)
                 return True
+            good = np.abs(values) < VALUE_LIMIT
         else:
             values *= self.scale[column_map.target]
             values += self.offsets[column_map.target]

@@ -228,9 +228,13 @@ class JointStream:
         self.first_sample_time = np.full(joints, NEVER, dtype=np.int64)  # of the first good sample passed
         self.bad_samples = np.zeros(joints, dtype=np.int64)
         self.duplicates = 0
+        self._least_longest_gap = 0  # no joint's longest gap is shorter
 
-    def add(self, time: int, row: Floats, bad: NDArray[np.bool_] | None = None) -> None:
-        """Add a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad."""
+    def add(self, time: int, row: Floats, bad: NDArray[np.bool_] | None = None, *, full: bool = False) -> None:
+        """Add a sample of any time: `row` (m,) with NaN where a joint is missing, `bad` (m,) where it is bad.
+
+        `full`: it is known that no joint is missing.
+        """
         if bad is not None:
             self.bad_samples += bad
         if time <= self.frame_time:
@@ -243,7 +247,7 @@ class JointStream:
             return
         times.insert(at, time)
         self.rows.insert(at, row)
-        self.full.insert(at, not bool(np.isnan(row).any()))
+        self.full.insert(at, full or not bool(np.isnan(row).any()))
         self.bad_masks.insert(at, bad)
 
     def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
@@ -280,9 +284,10 @@ class JointStream:
                 gap = time - self.row_time
                 if gap > self.max_gap:
                     self.gaps += 1
-                longer = gap > self.longest_gap
-                if longer.any():
+                if gap > self._least_longest_gap:
+                    longer = gap > self.longest_gap
                     self.longest_gap[longer], self.longest_gap_start[longer] = gap, self.row_time
+                    self._least_longest_gap = gap
             else:
                 self._count_gaps(time, np.ones(len(row), dtype=bool))
             self.last = row
