@@ -20,6 +20,7 @@ from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter
 from geomphys.engine.missed_motion import MissedMotion
+from geomphys.engine.overlapped_call import OverlappedCall, can_overlap
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_replay_data
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
@@ -45,6 +46,20 @@ class Chunk:
     motion: MotionMeasures
     flags: Ints  # (n,) beside those of the frames and of the step
     is_last: bool = False
+
+
+@dataclass
+class _Running:
+    """Frames that are being computed."""
+
+    frames: list[Frame]
+    roots: Floats  # (n, T, 7)
+    angles: Floats  # (n, Q)
+    dts: Floats  # (n,)
+    flags: Ints  # (n,)
+    decode_ns: int
+    block: Block
+    count: OverlappedCall  # of frames that were stepped
 
 
 @lru_cache(maxsize=1)
@@ -77,6 +92,9 @@ class Pipeline:
         self._meter = MotionMeter()
         self._grasps = GraspMeter(world)
         self._missed = MissedMotion(world.scene)
+        self._overlaps = can_overlap()
+        self._has_run = False
+        self._at_work: OverlappedCall | None = None
 
     def _make_block(self) -> Block:
         scene = self.world.scene
@@ -86,7 +104,9 @@ class Pipeline:
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were stepped."""
         recording = Recording(roots, angles, dts)
-        count: int = self._run_block(*self._packed, recording, self.params, self._packed_blocks[id(block)])
+        call = self._run_block.unlocked if self._has_run else self._run_block  # the first may compile
+        count: int = call(*self._packed, recording, self.params, self._packed_blocks[id(block)])
+        self._has_run = True
         if count == 0 or self.data.workspace.near.counts["lost"]:
             raise GeomphysError(
                 f"more than {NEAR_PAIRS} pairs of convex pieces are near each other at once, or have as many contact points; "
@@ -95,30 +115,61 @@ class Pipeline:
         return count
 
     def chunks(self, batches: Iterator[tuple[list[Frame], int]]) -> Iterator[Chunk]:
-        """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results."""
-        before: Chunk | None = None
-        for frames, decode_ns in batches:
-            if not frames:
-                continue
-            first = frames[0].time_ns if self._last_ns is None else self._last_ns
-            times = np.array([first, *(frame.time_ns for frame in frames)], dtype=np.int64)
-            dts = np.diff(times).astype(np.float64) * 1e-9
-            roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
-            flags = np.array(self._missed.correct(frames, roots, angles, dts), np.int64)
-            while frames:
-                block = self.blocks[1] if before is not None and before.block is self.blocks[0] else self.blocks[0]
-                count = self.run(roots, angles, dts, block)
-                motion = self._measure_motion(frames[:count], block)
-                chunk = Chunk(frames[:count], block, decode_ns, motion, flags[:count])
-                frames, flags, dts = frames[count:], flags[count:], dts[count:]
-                roots, angles = roots[count:], angles[count:]
-                self._last_ns = chunk.frames[-1].time_ns
-                if before is not None:
-                    yield before
-                before = chunk
-        if before is not None:
-            before.is_last = True
-            yield before
+        """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results.
+
+        While a batch is computed the next one is read, and the one before is the caller's.
+        """
+        running: _Running | None = None
+        try:
+            for frames, decode_ns in batches:
+                if not frames:
+                    continue
+                before, running = running, None
+                while before is not None:
+                    chunk, before = self._ended(before)
+                    if before is None:
+                        running = self._begin_batch(frames, decode_ns)
+                    yield chunk
+                running = running or self._begin_batch(frames, decode_ns)
+            while running is not None:
+                chunk, running = self._ended(running)
+                chunk.is_last = running is None
+                yield chunk
+        finally:
+            if self._at_work is not None:
+                self._at_work.settle()
+
+    def _begin_batch(self, frames: list[Frame], decode_ns: int) -> _Running:
+        """Begin to compute frames."""
+        first = frames[0].time_ns if self._last_ns is None else self._last_ns
+        times = np.array([first, *(frame.time_ns for frame in frames)], dtype=np.int64)
+        dts = np.diff(times).astype(np.float64) * 1e-9
+        roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
+        flags = np.array(self._missed.correct(frames, roots, angles, dts), np.int64)
+        return self._begin(frames, roots, angles, dts, flags, decode_ns)
+
+    def _begin(
+        self, frames: list[Frame], roots: Floats, angles: Floats, dts: Floats, flags: Ints, decode_ns: int
+    ) -> _Running:
+        """Begin to compute frames in the block that the frames before are not in."""
+        self.blocks.reverse()
+        block = self.blocks[0]
+        count = self._at_work = OverlappedCall(
+            lambda: self.run(roots, angles, dts, block), is_overlapped=self._overlaps and self._has_run
+        )
+        return _Running(frames, roots, angles, dts, flags, decode_ns, block, count)
+
+    def _ended(self, running: _Running) -> tuple[Chunk, _Running | None]:
+        """The frames that were computed, and those that had no room in their block, which are begun again."""
+        count = running.count.wait()
+        frames, rest = running.frames[:count], running.frames[count:]
+        motion = self._measure_motion(frames, running.block)
+        chunk = Chunk(frames, running.block, running.decode_ns, motion, running.flags[:count])
+        self._last_ns = frames[-1].time_ns
+        if not rest:
+            return chunk, None
+        of_rest = (column[count:] for column in (running.roots, running.angles, running.dts, running.flags))
+        return chunk, self._begin(rest, *of_rest, running.decode_ns)
 
     @property
     def scene(self) -> Scene:

@@ -12,6 +12,7 @@ import numpy as np
 from geomphys.jit.kinds import Kind, named_tuple
 
 _FUNCTION = ctypes.PYFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # the lock of the interpreter is held
+_UNLOCKED = ctypes.CFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # other threads run meanwhile
 _LETTERS: dict[str, str] = {"none": "", "float32": "d", "float64": "d", "uint64": "Q"}
 
 
@@ -27,20 +28,20 @@ class Entry:
     """
 
     def __init__(self, address: int, kinds: tuple[Kind, ...], returns: Kind) -> None:
-        self._function = _FUNCTION(address)
+        self._function, self._unlocked = _FUNCTION(address), _UNLOCKED(address)
         self._arguments = struct.Struct("=" + "".join(map(_format, kinds)))
         self._result = struct.Struct("=" + _format(returns))
         self._returns = returns
 
-    def __call__(self, arguments: tuple[Any, ...]) -> Any:
-        """Call it with arguments of its kinds, which the caller has seen to."""
-        words: list[Any] = []
+    def __call__(self, arguments: tuple[Any, ...], *, unlocked: bool = False) -> Any:
+        """Call it with arguments of its kinds, which the caller has seen to; `unlocked`: other threads run meanwhile."""
+        call, words = self._unlocked if unlocked else self._function, list[Any]()
         for argument in arguments:
             _add_words(words, argument)
         if self._returns == "none":
-            return self._function(self._arguments.pack(*words), None)
+            return call(self._arguments.pack(*words), None)
         result = ctypes.create_string_buffer(self._result.size)
-        self._function(self._arguments.pack(*words), result)
+        call(self._arguments.pack(*words), result)
         return _value(self._returns, iter(self._result.unpack(result)))
 
 

@@ -34,6 +34,13 @@ class Kernel(Definition):
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """Call it from Python; compiles what is not compiled yet."""
+        return self._call(args, kwargs, unlocked=False)
+
+    def unlocked(self, *args: Any) -> Any:
+        """Call it so that other threads run meanwhile, which must leave its arguments alone."""
+        return self._call(args, {}, unlocked=True)
+
+    def _call(self, args: tuple[Any, ...], kwargs: dict[str, Any], *, unlocked: bool) -> Any:
         if kwargs or len(args) != self.parameters:
             bound = inspect.signature(self.py_func).bind(*args, **kwargs)
             bound.apply_defaults()
@@ -43,7 +50,7 @@ class Kernel(Definition):
         if entry is None:
             with _lock:
                 entry = self._entries[kinds] = load_entry(self, kinds)
-        return entry(args)
+        return entry(args, unlocked=unlocked)
 
 
 def are_compiled(method: str = "exact") -> bool:

@@ -33,6 +33,12 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def is_pool_worker() -> bool:
+    """Whether this process was begun to share work with others, by Python's `multiprocessing` or what builds on it."""
+    loaded = sys.modules.get("multiprocessing.process")  # of a worker it is
+    return loaded is not None and loaded.parent_process() is not None
+
+
 if __name__ == "__main__":
     end_with_parent(int(sys.argv[1]))
     os.execv(sys.argv[2], sys.argv[2:])
