@@ -86,12 +86,18 @@ def _visible_fraction(eye: Floats, points: Floats, triangles: Floats, ignored: f
     rays = points - eye
     end = 0.97 if ignored is None else 1.0 - ignored / np.linalg.norm(rays, axis=1)[:, None]
     from_a = eye - a
-    determinant = rays @ np.cross(ac, ab).T  # (r x ac) . ab = r . (ac x ab)
+    determinant = rays @ _cross(ac, ab).T  # (r x ac) . ab = r . (ac x ab)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / determinant
-        u = rays @ np.cross(ac, from_a).T * inverse
-        q = np.cross(from_a, ab)
+        u = rays @ _cross(ac, from_a).T * inverse
+        q = _cross(from_a, ab)
         v = rays @ q.T * inverse
         t = np.einsum("tk,tk->t", ac, q)[None] * inverse
         hit = (np.abs(determinant) > 1e-15) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < end)
     return 1.0 - float(hit.any(axis=1).mean())
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Cross products (n, 3) of (n, 3), to the bit those of `numpy.cross`, which takes three times as long for few."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)

@@ -85,19 +85,28 @@ def depth_arrows(results: ResultColumns) -> tuple[Floats, Floats]:
 
     An arrow starts at the mean contact point of its pair, or at the recorded origin of body_a if it has no contact.
     """
-    origins: list[Floats] = []
-    contacts, pairs = results.contacts, results.penetrations
-    rows = np.repeat(np.arange(len(results)), results.penetration_counts).tolist()
-    for row, a, b in zip(rows, pairs.body_a.tolist(), pairs.body_b.tolist(), strict=True):
-        of_frame = slice(*results.contact_end[row : row + 2].tolist())
-        body_a, body_b = contacts.body_a[of_frame], contacts.body_b[of_frame]
-        same = (body_a == a) & (body_b == b) | (body_a == b) & (body_b == a)
-        origins.append(contacts.point[of_frame][same].mean(axis=0) if same.any() else results.recorded[row, a, :3])
+    contacts, pairs, bodies = results.contacts, results.penetrations, results.recorded.shape[1]
+    rows = np.repeat(np.arange(len(results)), results.penetration_counts)
+    numbers, of_pair = np.unique(_pair_numbers(rows, pairs.body_a, pairs.body_b, bodies), return_inverse=True)
+    contact_rows = np.repeat(np.arange(len(results)), results.contact_counts)
+    of_contact = _pair_numbers(contact_rows, contacts.body_a, contacts.body_b, bodies)
+    found = np.searchsorted(numbers, of_contact)
+    known = numbers[np.minimum(found, len(numbers) - 1)] == of_contact if len(numbers) else np.zeros(len(found), bool)
+    sums, counts = np.full((len(numbers), 3), -0.0), np.bincount(found[known], minlength=len(numbers))
+    np.add.at(sums, found[known], contacts.point[known])
+    means = sums / np.maximum(counts, 1)[:, None]
+    origins = np.where((counts > 0)[of_pair, None], means[of_pair], results.recorded[rows, pairs.body_a, :3])
     lengths = np.linalg.norm(pairs.pd, axis=1, keepdims=True)
     scales = np.minimum(
         ARROW_SCALE, np.divide(MAX_ARROW_LENGTH, lengths, out=np.zeros_like(lengths), where=lengths > 0)
     )
-    return np.array(origins).reshape(-1, 3), scales * pairs.pd
+    return origins, scales * pairs.pd
+
+
+def _pair_numbers(rows: Ints, body_a: Ints, body_b: Ints, bodies: int) -> Ints:
+    """A number (k,) for each row and unordered pair of bodies."""
+    numbers: Ints = (rows * bodies + np.minimum(body_a, body_b)) * bodies + np.maximum(body_a, body_b)
+    return numbers
 
 
 def plot_values(results: ResultColumns) -> dict[str, Floats]:

@@ -38,9 +38,18 @@ class Times:
         self._frames = frames
         self._times = times_ns
         self._unix = unix
+        self._every = np.arange(len(frames))
+        self._of_every: list[Any] | None = None
 
     def at(self, rows: Ints) -> list[Any]:
         """The time columns of some rows."""
+        if not np.array_equal(rows, self._every):
+            return self._columns(rows)
+        if self._of_every is None:
+            self._of_every = self._columns(rows)
+        return self._of_every
+
+    def _columns(self, rows: Ints) -> list[Any]:
         import rerun as rr
 
         times = self._times[rows]
