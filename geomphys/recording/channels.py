@@ -5,6 +5,7 @@ Every encoding of the same data yields the same `JointSample` or `Poses`, to the
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 from geomphys.recording.decoders import PAYLOAD_ERRORS, BadMessageError, make_decoder
@@ -29,6 +30,14 @@ MESSAGE_LIMIT = 4 * 2**20
 """Bytes; a longer message of joints or poses is not decoded: decoded it would take many times that."""
 
 
+MAX_CACHED_READERS = 64
+"""Readers of CDR that are kept for other logs with the same types, which then know the layouts of their messages."""
+CACHED_SCHEMA_BYTES = 1 << 16
+"""A reader of a longer schema is made for each log."""
+
+_cache = threading.local()  # a reader learns while it reads, and so has one thread
+
+
 def kind_of(channel: LogChannel) -> MessageKind | None:
     """How a channel's messages are read; None if they are not understood."""
     return find_kind(channel.schema_name, channel.encoding)
@@ -41,6 +50,20 @@ def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool 
 
     Raises LogError if the channel's schema cannot be read.
     """
+    if channel.encoding != "cdr" or len(channel.schema_data) > CACHED_SCHEMA_BYTES:
+        return _make_reader(channel, kind, points)
+    readers: dict[object, FixedLayoutReader] = _cache.__dict__.setdefault("readers", {})
+    key = channel.schema_name, channel.schema_encoding, channel.schema_data, kind, points
+    reader = readers.get(key)
+    if reader is None or reader.is_full:
+        if len(readers) >= MAX_CACHED_READERS:
+            readers.clear()
+        reader = readers[key] = FixedLayoutReader(_make_reader(channel, kind, points))
+    return reader
+
+
+def _make_reader(channel: LogChannel, kind: MessageKind, points: bool) -> Callable[[bytes], Content]:
+    """As `make_message_reader`, by the decoder of the encoding."""
     layout = kind.points if points and kind.points is not None else kind.layout
     decode = make_decoder(channel, canonical_type_name(channel.schema_name))
     read = make_extractor(
@@ -57,7 +80,7 @@ def make_message_reader(channel: LogChannel, kind: MessageKind, *, points: bool 
         except PAYLOAD_ERRORS as problem:
             raise BadMessageError(f"does not hold what its type says ({type(problem).__name__})") from problem
 
-    return FixedLayoutReader(content) if channel.encoding == "cdr" else content
+    return content
 
 
 def unsupported_reason(channel: LogChannel, accepted: tuple[ContentType, ...], holds: str) -> str:

@@ -69,6 +69,11 @@ class FixedLayoutReader:
         self._layouts: dict[int, _Layout] = {}  # by the length of the message
         self._trials = FIRST_TRIALS
 
+    @property
+    def is_full(self) -> bool:
+        """Whether it has met as many lengths of messages as it can keep the layouts of."""
+        return len(self._layouts) >= MAX_LAYOUTS
+
     def __call__(self, data: bytes) -> Content:
         """The content of a message. Raises what `read` raises."""
         layout = self._layouts.get(len(data))

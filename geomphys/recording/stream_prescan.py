@@ -6,7 +6,7 @@ or occurs once, needs the whole log; messages without it are then not decoded.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -90,6 +90,8 @@ class _ChannelProbe:
     messages_read: int = 0
     bytes: int = 0  # of the pending messages
     latest: int = -(2**62)
+    complete_from: int | None = None  # the latest first time of what is awaited, once all of it is known
+    names: Sequence[str] | None = None  # joints of the message that was recorded last
     pending: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until `zero_stamps_resolved`
 
 
@@ -173,6 +175,8 @@ def _is_informative(probe: _ChannelProbe, prescan: Prescan, raw: RawMessage) -> 
     """Whether a message may hold anything new; only then it is decoded."""
     if probe.messages_read <= OFFSET_MESSAGES or not probe.zero_stamps_resolved:
         return True
+    if probe.complete_from is not None:
+        return True
     topic = probe.channel.topic
     incomplete = [n for n in probe.awaited if not _is_complete(prescan.streams.get((topic, n)))]
     if not incomplete:
@@ -189,11 +193,17 @@ def _is_channel_complete(probe: _ChannelProbe, prescan: Prescan, delay: int) -> 
     """Whether everything about a channel is known."""
     if probe.messages_read < 2:
         return False
-    for name in probe.awaited:
-        facts = prescan.streams.get((probe.channel.topic, name))
-        if facts is None or not _is_complete(facts) or probe.latest < facts.first_time + delay:
-            return False
-    return True
+    if not probe.awaited:
+        return True
+    if probe.complete_from is None:
+        first_times = []
+        for name in probe.awaited:
+            facts = prescan.streams.get((probe.channel.topic, name))
+            if facts is None or not _is_complete(facts):
+                return False
+            first_times.append(facts.first_time)
+        probe.complete_from = max(first_times)
+    return probe.latest >= probe.complete_from + delay
 
 
 def _decode_resolved(
@@ -236,6 +246,11 @@ def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: Ra
     items: list[tuple[int, str, PoseTuple | None, str]] = []
     if isinstance(content, JointSample):
         time = times.time_of(key, content.stamp, raw.log_time, raw.publish_time)
+        if probe.complete_from is not None and time >= probe.complete_from and content.names is probe.names:
+            probe.latest = max(probe.latest, time)  # it says nothing new
+            return
+        has_offsets = len(prescan.stamp_offsets.get((topic, ""), ())) >= OFFSET_MESSAGES
+        probe.names = content.names if has_offsets and not content.side else None
         add_names(names, content.names)
         if content.side:
             add_names(prescan.sides.setdefault(topic, set()), [content.side])
@@ -268,7 +283,10 @@ def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: Ra
     for time, name, taken, frame in items:
         if name in probe.awaited:
             prescan.streams.setdefault((topic, name), StreamInfo()).add(time, taken, frame)
-    probe.latest = max([probe.latest, *(t for at in stamp_offsets.values() for t in at)])
+    recorded_times = [t for at in stamp_offsets.values() for t in at]
+    probe.latest = max([probe.latest, *recorded_times])
+    if probe.complete_from is not None and min(recorded_times, default=probe.complete_from) < probe.complete_from:
+        probe.complete_from = None  # a first time may be an earlier one now
     for part, at in stamp_offsets.items():
         if isinstance(content, JointSample) or part in probe.timed_children:
             noted = prescan.stamp_offsets.setdefault((topic, part), [])
