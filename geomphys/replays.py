@@ -26,6 +26,7 @@ from geomphys.recording.report import RecordingReport
 from geomphys.results import Frame, FrameResult, ResultColumns
 from geomphys.scene.world import World
 from geomphys.storage.output_file import check_targets
+from geomphys.storage.overlapped_call import can_overlap
 from geomphys.storage.remote_files import AnyPath, as_path
 
 
@@ -196,7 +197,7 @@ def _parts(
                 for sink in sinks:
                     sink.open(world, config, provenance)
                     opened.append(sink)
-            pipeline = Pipeline(world, config)
+            pipeline = Pipeline(world, config, overlaps=can_overlap())
             done, encode_ns = 0, 0
             for columns in _results(source, chain([first], batches), pipeline):
                 columns.stage_ns[:, -1] = encode_ns

@@ -20,7 +20,6 @@ from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter
 from geomphys.engine.missed_motion import MissedMotion
-from geomphys.engine.overlapped_call import OverlappedCall, can_overlap
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_replay_data
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
@@ -31,6 +30,7 @@ from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_tree
 from geomphys.scene.world import World
+from geomphys.storage.overlapped_call import OverlappedCall
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,7 +59,7 @@ class _Running:
     flags: Ints  # (n,)
     decode_ns: int
     block: Block
-    count: OverlappedCall  # of frames that were stepped
+    count: OverlappedCall[int]  # frames that were stepped
 
 
 @lru_cache(maxsize=1)
@@ -71,15 +71,17 @@ def _packed_scene(world: World) -> Any:
 class Pipeline:
     """A scene with its state: takes frames and yields results.
 
-    Results come one chunk late, so that the last one is known as such.
+    Results come one chunk late, so that the last one is known as such. If it `overlaps`, frames are computed in a thread of their
+    own, while the caller reads the next and uses those before; the first, for which kernels may be compiled, are not.
     """
 
-    def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS) -> None:
+    def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS, *, overlaps: bool = False) -> None:
         start_clock()
         self.world = world
         links = links_of(world, weights)
         self.data = make_replay_data(world.scene, config.max_iterations, thumbs_of(world), weights, links)
-        method, self._run_block = Method(config.gap, None), run_block
+        self._run_block: Any = run_block
+        method = Method(config.gap, None)
         if config.method == "paper":
             paper = make_paper_workspace(world.scene, self.data.workspace, config)
             method, self._run_block = Method(None, pack(paper)), run_block_as_published
@@ -92,9 +94,9 @@ class Pipeline:
         self._meter = MotionMeter()
         self._grasps = GraspMeter(world)
         self._missed = MissedMotion(world.scene)
-        self._overlaps = can_overlap()
+        self._overlaps = overlaps
         self._has_run = False
-        self._at_work: OverlappedCall | None = None
+        self._at_work: OverlappedCall[int] | None = None
 
     def _make_block(self) -> Block:
         scene = self.world.scene
@@ -117,7 +119,7 @@ class Pipeline:
     def chunks(self, batches: Iterator[tuple[list[Frame], int]]) -> Iterator[Chunk]:
         """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results.
 
-        While a batch is computed the next one is read, and the one before is the caller's.
+        Where it overlaps, a batch is computed while the next one is read and the one before is the caller's.
         """
         running: _Running | None = None
         try:
@@ -160,7 +162,7 @@ class Pipeline:
         return _Running(frames, roots, angles, dts, flags, decode_ns, block, count)
 
     def _ended(self, running: _Running) -> tuple[Chunk, _Running | None]:
-        """The frames that were computed, and those that had no room in their block, which are begun again."""
+        """The frames that were computed, and those that their block could not take, which are begun again."""
         count = running.count.wait()
         frames, rest = running.frames[:count], running.frames[count:]
         motion = self._measure_motion(frames, running.block)
@@ -168,8 +170,8 @@ class Pipeline:
         self._last_ns = frames[-1].time_ns
         if not rest:
             return chunk, None
-        of_rest = (column[count:] for column in (running.roots, running.angles, running.dts, running.flags))
-        return chunk, self._begin(rest, *of_rest, running.decode_ns)
+        roots, angles, dts = (column[count:] for column in (running.roots, running.angles, running.dts))
+        return chunk, self._begin(rest, roots, angles, dts, running.flags[count:], running.decode_ns)
 
     @property
     def scene(self) -> Scene:

@@ -1,6 +1,7 @@
 """Writes MCAP files, many messages at once; the bytes are those of the mcap package's writer with its defaults.
 
-Its records are written by the package's classes, but for the messages, which it takes 5 µs each for.
+Its records are written by the package's classes, but for the messages, which it takes 5 µs each for. A chunk is packed in a
+thread of its own, where a core is free, and written when the next one is complete.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from geomphys.recording.mcap_records import MAGIC
+from geomphys.storage.overlapped_call import OverlappedCall, can_overlap
 
 Ints = NDArray[np.int64]
 
@@ -78,6 +80,8 @@ class McapWriter:
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}  # channel -> messages
         self._span: tuple[int, int] | None = None  # ns, of the messages
+        self._overlaps = can_overlap()
+        self._packed: OverlappedCall[tuple[Chunk, dict[int, bytes]]] | None = None  # the chunk that is not written yet
         self._begin_chunk()
 
     def start(self, profile: str, library: str) -> None:
@@ -132,6 +136,7 @@ class McapWriter:
 
     def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None:
         """Add a file; times in ns."""
+        self._write_packed()
         offset = self._stream.tell()
         length = self._write(Attachment(create_time, log_time, name, media_type, data))
         self._attachments.append(
@@ -143,6 +148,7 @@ class McapWriter:
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Add a record of texts by key."""
+        self._write_packed()
         offset = self._stream.tell()
         length = self._write(Metadata(name=name, metadata=data))
         self._metadata.append(MetadataIndex(offset=offset, length=length, name=name))
@@ -190,6 +196,7 @@ class McapWriter:
 
     def _write(self, record: Any) -> int:
         """Write a record to the stream; returns its length."""
+        self._write_packed()
         data = _encoded(record)
         self._stream.write(data)
         return len(data)
@@ -209,40 +216,55 @@ class McapWriter:
             self._end_chunk()
 
     def _end_chunk(self) -> None:
-        """Write the chunk, if it has messages, and its indices."""
+        """Pack the chunk, if it has messages, and write the one before."""
         if not self._indices:
             return
         channels, times, offsets = map(np.concatenate, zip(*self._indices, strict=True))
         data = b"".join(self._parts)
         first, last = int(times.min()), max(0, int(times.max()))
         self._span = (first, last) if self._span is None else (min(first, self._span[0]), max(last, self._span[1]))
-        packed = zstandard.compress(data)
-        start = self._stream.tell()
-        length = self._write(
-            Chunk(
-                compression="zstd", data=packed, message_start_time=first, message_end_time=last,
-                uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data),
-            )
-        )  # fmt: skip
-        at = self._stream.tell()
-        indices, index_offsets = bytearray(), dict[int, int]()
+        indices: dict[int, bytes] = {}
         for channel in dict.fromkeys(channels.tolist()):
             rows = channels == channel
             entries = np.zeros(np.count_nonzero(rows), _INDEX_ENTRY)
             entries["time"], entries["offset"] = times[rows], offsets[rows]
-            index_offsets[channel] = at + len(indices)
-            indices += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
-            indices += entries.tobytes()
+            head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
+            indices[channel] = head + entries.tobytes()
             self._counts[channel] = self._counts.get(channel, 0) + len(entries)
-        self._stream.write(bytes(indices))
+        self._write_packed()
+        self._packed = OverlappedCall(lambda: _packed(data, first, last, indices), is_overlapped=self._overlaps)
+        self._begin_chunk()
+
+    def _write_packed(self) -> None:
+        """Write the chunk that is being packed, if there is one, and its indices."""
+        if self._packed is None:
+            return
+        (chunk, indices), self._packed = self._packed.wait(), None
+        start = self._stream.tell()
+        record = _encoded(chunk)
+        self._stream.write(record)
+        at, index_offsets = self._stream.tell(), dict[int, int]()
+        for channel, index in indices.items():
+            index_offsets[channel] = at
+            at += len(index)
+        self._stream.write(b"".join(indices.values()))
         self._chunks.append(
             ChunkIndex(
-                message_start_time=first, message_end_time=last, chunk_start_offset=start, chunk_length=length,
-                message_index_offsets=index_offsets, message_index_length=len(indices), compression="zstd",
-                compressed_size=len(packed), uncompressed_size=len(data),
+                message_start_time=chunk.message_start_time, message_end_time=chunk.message_end_time,
+                chunk_start_offset=start, chunk_length=len(record), message_index_offsets=index_offsets,
+                message_index_length=sum(map(len, indices.values())), compression=chunk.compression,
+                compressed_size=len(chunk.data), uncompressed_size=chunk.uncompressed_size,
             )
         )  # fmt: skip
-        self._begin_chunk()
+
+
+def _packed(data: bytes, first: int, last: int, indices: dict[int, bytes]) -> tuple[Chunk, dict[int, bytes]]:
+    """The record of a chunk of messages from a first to a last time [ns], and what follows it."""
+    chunk = Chunk(
+        compression="zstd", data=zstandard.compress(data), message_start_time=first, message_end_time=last,
+        uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data),
+    )  # fmt: skip
+    return chunk, indices
 
 
 def _encoded(record: Any) -> bytes:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -123,6 +124,7 @@ def sha256_of_log(path: AnyPath) -> str:
     return digest.hexdigest()
 
 
+@lru_cache(maxsize=4)
 def sha256_of_world(world: World) -> str:
     """SHA-256 of a world's arrays and names: everything besides log and parameters that the result of a replay depends on."""
     digest = hashlib.sha256()

@@ -42,6 +42,7 @@ class LogPass:
         self.times = source.times.fresh_copy()
         delay = round(self.config.max_delay * 1e9)
         self.stamp_monitor = StampMonitor(source.reader.path, delay) if self.config.time != "log" else None
+        self._readers = source.prescan.readers
         self._monitored: dict[int, str] = {}  # channel -> its topic, if stamps are monitored there
         if self.stamp_monitor is not None:
             channels = source.reader.channels
@@ -130,7 +131,7 @@ class LogPass:
     def _process(self, raw: RawMessage, watermark: Watermark) -> None:
         """Add a message."""
         key, times = raw.key, self.times
-        route, read = self.routes[key], self.source.prescan.readers.get(key)
+        route, read = self.routes[key], self._readers.get(key)
         if read is None:  # a topic used only as frame clock
             time = times.time_of(key, None, raw.log_time, raw.publish_time)
             watermark.add(time)
@@ -247,7 +248,7 @@ class LogPass:
             if joints.stream is None:
                 continue
             row = joints.stream.at(time)
-            angles[joints.columns] = np.where(np.isnan(row.value), 0.0, row.value) if row.before_first else row.value
+            angles[joints.target] = np.where(np.isnan(row.value), 0.0, row.value) if row.before_first else row.value
             is_held |= row.held
             before_first |= row.before_first
         for keypoints in self.keypoints:

@@ -153,6 +153,7 @@ class _ColumnMap:
     source: Ints
     target: Ints
     is_whole: bool  # every column is written, in its order
+    takes_all: bool  # from the first value on, in their order
 
 
 class JointRoute:
@@ -193,6 +194,9 @@ class JointRoute:
             else:
                 self.constants[column] = first
         self.columns = np.array(sorted(columns), dtype=np.int64)
+        self.target: Ints | slice = self.columns  # the same, as a slice where they are next to each other
+        if len(self.columns) and self.columns[-1] - self.columns[0] == len(self.columns) - 1:
+            self.target = slice(int(self.columns[0]), int(self.columns[-1]) + 1)
         self.index_of_column = {int(c): i for i, c in enumerate(self.columns)}
         self.scale, self.offsets = scale[self.columns], offsets[self.columns]
         self.stream: JointStream | None = None
@@ -201,7 +205,9 @@ class JointRoute:
             wraps = np.array([int(c) in continuous for c in self.columns])
             self.stream = JointStream(len(self.columns), max_gap, holds_bad_samples=holds_bad_samples, wraps=wraps)
             self.stream.first = np.array([columns[int(c)] for c in self.columns])
-        self._converts = bool((self.scale != 1.0).any()) or not bool((np.signbit(self.offsets) & (self.offsets == 0)).all())
+        self._converts = bool((self.scale != 1.0).any()) or not bool(
+            (np.signbit(self.offsets) & (self.offsets == 0)).all()
+        )
         self.latest = NEVER
         self.out_of_order = self.max_disorder = 0
         self.names: set[str] = set()
@@ -231,7 +237,9 @@ class JointRoute:
             self._last_names, self._last_map = names, column_map
         if self.stream is None or len(sample) == 0 or len(column_map.source) == 0:
             return True
-        values = np.array(sample, dtype=np.float64)[column_map.source]
+        values = np.array(sample, dtype=np.float64)
+        if not column_map.takes_all or len(values) != len(column_map.source):
+            values = values[column_map.source]
         if column_map.is_whole:
             if self._converts:
                 values *= self.scale
@@ -268,6 +276,7 @@ class JointRoute:
             np.array(list(index_of_column.values()), dtype=np.int64),
             target,
             np.array_equal(target, np.arange(len(self.columns))),
+            list(index_of_column.values()) == list(range(len(index_of_column))),
         )
         if len(self._column_maps) >= MAX_COLUMN_MAPS:
             self._column_maps.clear()
