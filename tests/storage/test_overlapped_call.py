@@ -37,7 +37,8 @@ def test_it_is_at_work_meanwhile_only_if_it_overlaps() -> None:
     begun.clear()
     later = OverlappedCall(work, is_overlapped=False)
     assert not begun.is_set()
-    assert later.wait() and begun.is_set()
+    assert later.wait()
+    assert begun.is_set()
 
 
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
