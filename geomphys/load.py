@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geomphys.collision.penetration import make_scratch, separation
 from geomphys.config import Config
 from geomphys.errors import ConfigError
-from geomphys.jit.packed_records import pack
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
-from geomphys.recording.point_measures import measure_points
 from geomphys.scene.arrays import Floats
 from geomphys.scene.scene_cache import cache_world, load_cached_world
 from geomphys.scene.scene_file import load_scene_file
@@ -88,6 +85,8 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
     """
     if world.keypoint_scale or world.palm_orientations:
         return world
+    from geomphys.recording.point_measures import measure_points
+
     measures = measure_points(log, world, config)
     orientations = {name: m.orientation for name, m in measures.items() if m.orientation is not None}
     if orientations:
@@ -122,6 +121,9 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
 
 def zero_pose_overlaps(world: World) -> list[tuple[int, int]]:
     """Pairs a < b of one avatar's bodies, not yet excluded, closer than `ZERO_POSE_CLEARANCE` at zero joint angles."""
+    from geomphys.collision.penetration import make_scratch, separation
+    from geomphys.jit.packed_records import pack
+
     pieces = world.scene.pieces
     poses = _zero_poses(world)
     frames = np.ascontiguousarray(frame_from_matrix(compose(poses[pieces.body], matrix_from_frame(pieces.local))))

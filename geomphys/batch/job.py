@@ -16,9 +16,7 @@ from typing import Any, Literal
 from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
-from geomphys.output.output_log import open_output
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
-from geomphys.replays import run
 from geomphys.scene.world import World
 from geomphys.storage.output_file import partial_path, publish
 from geomphys.storage.remote_files import AnyPath, is_remote
@@ -117,6 +115,9 @@ class _StopRequestedError(Exception):
 
 
 def _replay(job: Job, work_folder: Path) -> Outcome:
+    from geomphys.output.output_log import open_output  # the batch's own process needs none of it
+    from geomphys.replays import run
+
     out = work_folder / job.out.name
     rrd = None if job.rrd is None else work_folder / job.rrd.name
     try:
@@ -153,6 +154,8 @@ def preload_world(world: World) -> None:
 
     What is loaded by now stays: garbage is collected among what comes after it, and seldom.
     """
+    import geomphys.replays  # noqa: F401  # with all that a job needs
+
     _preloaded_worlds[sha256_of_world(world)] = world
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD, 20, 20)
