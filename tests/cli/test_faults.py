@@ -204,7 +204,7 @@ def test_ctrl_c_ahead_of_the_first_frame_leaves_a_readable_part_or_none(case: Ca
     words = ("replay", case.log, "-s", case.scene, "-o", tmp_path / "out.mcap", "--rrd", tmp_path / "out.rrd")
     code = (
         "import geomphys.engine.pipeline as p, os, signal\n"
-        "p.Pipeline.__init__ = lambda *a: os.kill(os.getpid(), signal.SIGINT)\n"
+        "p.Pipeline.__init__ = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
     )
     outcome = command_line(*words, code=code)
     assert outcome.returncode == 130, outcome.stderr
