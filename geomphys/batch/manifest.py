@@ -65,7 +65,7 @@ class Entry:
 
 
 SAVING_SHARE = 0.05
-"""Share of its time that a batch may spend on saving its manifest: of ten thousand logs it takes a second."""
+"""Share of its time that a batch may spend on saving its manifest."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,7 @@ class Manifest:
     entries: dict[str, Entry] = field(default_factory=dict)
     is_saved: bool = field(default=True, init=False)
     _next_save: float = field(default=0.0, init=False)  # s, of `time.monotonic`
+    _texts: dict[str, tuple[Entry, str]] = field(default_factory=dict, init=False)  # of the entries, as they were saved
 
     @property
     def path(self) -> AnyPath:
@@ -118,9 +119,18 @@ class Manifest:
             ) from problem
         return cls(folder, {entry.out: entry for entry in entries})
 
-    def as_dict(self) -> dict[str, Any]:
-        """The content of the file."""
-        return dataclasses.asdict(ManifestRecord(FORMAT, tuple(self.entries[out] for out in sorted(self.entries))))
+    def _text(self) -> str:
+        """The content as JSON, indented; an entry that was saved before is not encoded again."""
+        texts = []
+        for out in sorted(self.entries):
+            entry = self.entries[out]
+            saved = self._texts.get(out)
+            if saved is None or saved[0] is not entry:
+                text = json.dumps(dataclasses.asdict(entry), indent=1, ensure_ascii=False).replace("\n", "\n  ")
+                saved = self._texts[out] = entry, text
+            texts.append(saved[1])
+        logs = "[\n  " + ",\n  ".join(texts) + "\n ]" if texts else "[]"
+        return f'{{\n "format": {FORMAT},\n "logs": {logs}\n}}\n'
 
     def set(self, entry: Entry) -> None:
         """Note an entry, and save it, unless the last time took too long for how lately it was (`SAVING_SHARE`).
@@ -134,7 +144,6 @@ class Manifest:
     def save(self) -> None:
         """Replace the file, atomically; raises OutputError if the folder refuses."""
         start = time.thread_time()
-        text = json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
-        write_file(self.path, text.encode(), force=True)
+        write_file(self.path, self._text().encode(), force=True)
         self.is_saved = True
         self._next_save = time.monotonic() + (time.thread_time() - start) / SAVING_SHARE

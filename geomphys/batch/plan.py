@@ -50,8 +50,9 @@ def plan_logs(inputs: Sequence[AnyPath | str], folder: AnyPath | str) -> tuple[P
                     "them, so that their outputs keep their subfolders"
                 )
     names = sorted(found)
+    folders = {str(parent) for name in names for parent in PurePosixPath(name).parents}
     for name in names:
-        if f"{name}.mcap" in {str(parent) for other in names for parent in PurePosixPath(other).parents}:
+        if f"{name}.mcap" in folders:
             raise OutputError(
                 f"{found[name]}: its output {name}.mcap is the name of a folder of other outputs; rename it"
             )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from geomphys.batch.manifest import Entry, Manifest
+from geomphys.batch.manifest import FORMAT, Entry, Manifest, ManifestRecord
 from geomphys.errors import OutputError
 
 ENTRY = Entry(
@@ -29,6 +29,24 @@ def test_what_is_saved_is_loaded(tmp_path: Path) -> None:
     assert Manifest.load(tmp_path).entries == manifest.entries
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
     assert Manifest.load(tmp_path / "nowhere").entries == {}
+
+
+def test_the_file_is_the_record_as_json_after_every_change(tmp_path: Path) -> None:
+    """Entries that were saved before are not encoded again, which the file does not show."""
+    manifest = Manifest(tmp_path)
+    manifest.save()
+    changes = [
+        ENTRY,
+        replace(ENTRY, out="b/ö.mcap"),
+        replace(ENTRY, error='two\nlines "x"', metrics={"a": [1.5, None]}),
+    ]
+    for entry in changes:
+        manifest.entries[entry.out] = entry
+        manifest.save()
+        record = ManifestRecord(FORMAT, tuple(manifest.entries[out] for out in sorted(manifest.entries)))
+        whole = json.dumps(asdict(record), indent=1, ensure_ascii=False) + "\n"
+        assert manifest.path.read_text(encoding="utf-8") == whole
+    assert len(manifest.entries) == 2
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": 1, "logs": [{"log": "a"}]}', '{"format": 9, "logs": []}'])
