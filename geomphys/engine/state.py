@@ -103,8 +103,9 @@ def make_replay_data(
     poses = np.zeros((bodies, 7))
     for tree in range(trees):
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
-        for frames in (piece_frames.base, piece_frames.frames, piece_frames.moved):
-            pose_pieces_of_tree(packed, tree, poses, frames)
+        pose_pieces_of_tree(packed, tree, poses, piece_frames.base)
+    for frames in (piece_frames.frames, piece_frames.moved):
+        frames[:] = piece_frames.base
     boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
     detection = Detection(boxes, make_axes(), scratch, found)
     links = make_links(scene, weights) if links is None else links

@@ -17,6 +17,9 @@ from geomphys.storage.cache import Store, remove_unused, sources, user_cache_fol
 COMPILED = re.compile(rb"^@(kernel|noinline|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
 """Found in modules that affect the machine code, as do those they import."""
 
+MARKS = (b"@kernel", b"@noinline", b"@inlined", b"numba", b"llvmlite")
+"""One of them is wherever `COMPILED` is found; they are looked for first, which is many times as fast."""
+
 IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
 
 FOLDERS = re.compile(r"kernels-[0-9a-f]{16}")
@@ -58,7 +61,8 @@ def _sources_of_machine_code() -> list[tuple[str, bytes]]:
     """Names and texts of the modules with kernels and of all they import, sorted."""
     texts = sources()
     found: set[str] = set()
-    waiting = [name for name, text in texts.items() if COMPILED.search(text)]
+    marked = [name for name, text in texts.items() if any(mark in text for mark in MARKS)]
+    waiting = [name for name in marked if COMPILED.search(texts[name])]
     while waiting:
         name = waiting.pop()
         if name in texts and name not in found:

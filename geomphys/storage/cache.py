@@ -103,11 +103,15 @@ def _remove_if_unused(folder: Path, renamed: Path, oldest: float) -> None:
 @lru_cache(maxsize=1)
 def sources() -> dict[str, bytes]:
     """Text of every module of the package, by the module's name (``geomphys.scene.arrays``)."""
-    package = Path(__file__).parents[1]
+    package = str(Path(__file__).parents[1])
     texts = {}
-    for path in sorted(package.rglob("*.py")):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        texts[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_bytes()
+    for folder, subfolders, files in os.walk(package):
+        subfolders.sort()
+        within = folder[len(os.path.dirname(package)) + 1 :].replace(os.sep, ".")
+        for name in sorted(files):
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name), "rb") as stream:
+                    texts[within if name == "__init__.py" else f"{within}.{name[:-3]}"] = stream.read()
     return texts
 
 
