@@ -18,7 +18,7 @@ COMPILED = re.compile(rb"^@(kernel|noinline|inlined)$|^(from|import) (numba|llvm
 """Found in modules that affect the machine code, as do those they import."""
 
 MARKS = (b"@kernel", b"@noinline", b"@inlined", b"numba", b"llvmlite")
-"""One of them is wherever `COMPILED` is found; they are looked for first, which is many times as fast."""
+"""Wherever `COMPILED` matches there is one of them: finding those first is many times as fast."""
 
 IMPORTED = re.compile(rb"^from (geomphys\.[\w.]+) import", re.MULTILINE)
 

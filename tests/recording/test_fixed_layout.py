@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+import threading
 
 import pytest
 
@@ -116,3 +117,38 @@ def test_what_does_not_pay_costs_a_few_times_as_much_at_most():
         names = ["".join(source.choices("abcdef", k=20)) for _ in range(2)]
         reader.fast(ros2_data(name, value | {"name": names, "velocity": [source.random(), 1.0]}))
     assert reader.count <= FIRST_TRIALS + (1 + TRIALS_PER_MESSAGE) * 300
+
+
+def outcome(read, data):
+    """The content with all its bits, or the error's text."""
+    try:
+        return plain(read(data))
+    except BadMessageError as problem:
+        return str(problem)
+
+
+@pytest.mark.parametrize("name", CDR)
+def test_a_reader_goes_on_with_the_next_log_whatever_it_has_read(name):
+    """Messages of several logs, some cut off, with other bytes or of other names: as the decoder alone reads them."""
+    source, decode = random.Random(name), Counted(name).decode
+    for _ in range(4):
+        channel = channel_of(make(name, "cdr"))
+        reader = make_message_reader(channel, kind_of(channel))
+        for _ in range(60):
+            data = bytearray(message(name, source))
+            for _ in range(source.choice([0, 0, 1, 3])):
+                data[source.randrange(len(data))] = source.randrange(256)
+            data = bytes(data[: len(data) if source.random() < 0.9 else source.randrange(len(data))])
+            assert outcome(reader, data) == outcome(decode, data)
+
+
+def test_each_thread_has_readers_of_its_own():
+    channel = channel_of(make("sensor_msgs/msg/JointState", "cdr"))
+    kind, found = kind_of(channel), []
+    reader = make_message_reader(channel, kind)
+    assert make_message_reader(channel, kind) is reader
+    thread = threading.Thread(target=lambda: found.append(make_message_reader(channel, kind)))
+    thread.start()
+    thread.join()
+    assert found
+    assert found[0] is not reader
