@@ -8,7 +8,9 @@ import threading
 import pytest
 
 from geomphys.errors import GeomphysError
-from geomphys.storage.overlapped_call import OverlappedCall
+from geomphys.storage.child_process import available_cores
+from geomphys.storage.overlapped_call import OverlappedCall, can_overlap
+from geomphys.storage.process_pool import ProcessPool
 
 
 @pytest.mark.parametrize("is_overlapped", [False, True])
@@ -56,3 +58,9 @@ def test_a_fork_does_not_wait_for_ever() -> None:
     may_end.set()
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
     assert call.wait()
+
+
+def test_workers_of_a_pool_leave_the_other_cores_to_each_other() -> None:
+    with ProcessPool(1, int) as pool:
+        assert pool.submit(can_overlap).result() is False
+    assert can_overlap() == (available_cores() > 1)
