@@ -82,7 +82,7 @@ def label_groups(scene: Scene, data: ReplayData) -> bool:
         if some and body.activation == AWAKE and c.trees[island_tree(sim, sim.free[s])].group >= 0:
             body.activation = IN_OTHER_GROUP
     for k in range(sim.counts.pairs):
-        if some and sim.bodies[sim.pairs[k].body[0]].activation != IN_OTHER_GROUP:
+        if sim.bodies[sim.pairs[k].body[0]].activation != IN_OTHER_GROUP:
             sim.pairs[k].touching = 0
     return some
 

@@ -242,7 +242,7 @@ def move_bodies(scene: Scene, data: ReplayData, t: float, h: float, dt: float) -
         slot = sim.slots[r.pair, r.slot]
         friction = impulse_vector(r)
         give_velocity(sim, k, j)
-        note(sim, k, r.normal_impulse, friction)
+        note(slot, vec_of(r.normal), r.normal_impulse, friction)
         slot.normal_force = r.normal_impulse / h
         set_vec(slot.friction_force, scale(friction, 1.0 / h))
     for s in range(len(sim.free)):

@@ -24,15 +24,16 @@ from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 from geomphys.simulated.driven_paths import extrapolated, is_even
+from geomphys.simulated.islands import mark_activation
 from geomphys.simulated.overlap_clearing import clear_overlaps
+from geomphys.simulated.position_projection import LEFT
 from geomphys.simulated.state import COUPLED
-from geomphys.simulated.update import STEP_TOLERANCE, begin_frame, end_frame
+from geomphys.simulated.update import MAX_SUBSTEPS, STEP_TOLERANCE, begin_frame, end_frame
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SUBSTEP = 1.0 / 240.0  # s: longest substep where driven and simulated bodies may touch
-MAX_SUBSTEPS = 16  # substeps of a frame
 NEAR = 6e-3  # m: bodies that come no nearer do not touch
 MIN_OVERLAP = 5e-8  # m: a driven body is moved out of a simulated one that is deeper in it
 
@@ -227,8 +228,8 @@ def move_together(
                 activate_group(scene, data, group)
                 impacts += advance_together(scene, data, roots, angles, dt)
                 pose_driven_trees(scene, data, roots, angles, dt, 0.0, dt)
-                data.simulated.counts.contacts = 0
-                clear_overlaps(data.simulated, dt, COUPLED)
+                mark_activation(data.simulated, COUPLED)
+                clear_overlaps(data.simulated, dt, LEFT * gap)
         activate_group(scene, data, -1)
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:

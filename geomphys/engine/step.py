@@ -233,7 +233,7 @@ def step(
         flags |= contain_driven(scene, data, now_at, joint_values, first)
         t3 = cycles()
         if moves:
-            now, flagged = simulate_rest(scene, data, params.max_impacts - impacts)
+            now, flagged = simulate_rest(scene, data, params.max_impacts)
             impacts, flags = impacts + now, flags | flagged
             if separate_from_simulated(scene, data, params) > 0:
                 flags |= contain_driven(scene, data, now_at, joint_values, first)

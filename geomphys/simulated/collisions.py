@@ -10,7 +10,7 @@ from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.motion import load_velocities, refresh
 from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
-from geomphys.simulated.state import IMPACTING, INACTIVE, Simulation, has_changed, is_disabled
+from geomphys.simulated.state import IMPACTING, INACTIVE, Simulation, is_disabled
 
 MAX_HITS = 3  # collisions of a pair at one moment; beyond, all points that still approach are stopped together
 
@@ -37,7 +37,7 @@ def fastest_approach(sim: Simulation) -> int:
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         a, pair = r.a, r.pair
-        if not has_changed(sim, a) or is_disabled(sim, pair) or r.clearance > sim.frame.touch:
+        if is_disabled(sim, pair) or r.clearance > sim.frame.touch:
             continue
         v = normal_speed(sim.velocity, r, a, r.b)
         if v < worst and sim.pairs[pair].hits < MAX_HITS:
@@ -59,7 +59,7 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     t
         s of the frame.
     budget
-        Most further collisions of the frame; beyond, nothing bounces.
+        Most further collisions of these bodies in the frame; beyond, nothing bounces.
 
     Returns
     -------
@@ -69,8 +69,8 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
     load_velocities(sim)
     load_paths(sim, t)
     set_limits(sim)
-    for k in range(sim.counts.pairs):
-        sim.pairs[k].hits = 0
+    for i in range(sim.counts.concerned):
+        sim.pairs[sim.concerned[i]].hits = 0
     done, full = 0, False
     while True:
         chosen = fastest_approach(sim)
@@ -86,8 +86,7 @@ def resolve(sim: Simulation, t: float, budget: int) -> tuple[int, bool]:
         commit(sim)
         done += 1
     stop_slow_approach(sim)
-    for s in range(len(sim.free)):
-        if has_changed(sim, sim.free[s]):
-            refresh(sim.motion[sim.free[s]])
+    for s in range(sim.counts.changed):
+        refresh(sim.motion[sim.changed[s]])
     load_velocities(sim)
     return done, full

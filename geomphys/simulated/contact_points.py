@@ -192,7 +192,6 @@ def add_contact(sim: Simulation, pair: int, count: int, t: float, n: Vec, x: Vec
     r.target_speed = 0.0
     r.friction = p.friction
     r.restitution = p.restitution
-    r.since = t
     r.impulse_limit = math.inf
     fill_masses(a, b, r)
     sim.bodies[p.body[0]].touched = 1

@@ -14,7 +14,7 @@ from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, sub
 from geomphys.simulated.contact_points import apply_impulses, speed_at
 from geomphys.simulated.impulses import solve_normal, stopping_impulse
-from geomphys.simulated.state import ACTIVE, Contact, Simulation, is_simulated
+from geomphys.simulated.state import ACTIVE, Contact, Simulation, has_changed
 
 UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a contact be visited again
 STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
@@ -83,13 +83,13 @@ def group_contacts(sim: Simulation) -> None:
     `contact_count` and `contact_end` of the body that stands for a group, its first, say where in `order` its contacts are.
     """
     contacts, bodies, count = sim.contacts, sim.bodies, sim.counts.contacts
-    for s in range(len(sim.free)):
-        body = bodies[sim.free[s]]
-        body.contact_group = sim.free[s]
+    for s in range(sim.counts.changed):
+        body = bodies[sim.changed[s]]
+        body.contact_group = sim.changed[s]
         body.contact_count = 0
     for k in range(count):
         r = contacts[k]
-        if r.mode == ACTIVE and is_simulated(sim, r.b):
+        if r.mode == ACTIVE and has_changed(sim, r.b):
             a, b = group_of(sim, r.a), group_of(sim, r.b)
             bodies[max(a, b)].contact_group = min(a, b)
     for k in range(count):
@@ -97,8 +97,8 @@ def group_contacts(sim: Simulation) -> None:
         if r.mode == ACTIVE:
             bodies[group_of(sim, r.a)].contact_count += 1
     end = 0
-    for s in range(len(sim.free)):
-        body = bodies[sim.free[s]]
+    for s in range(sim.counts.changed):
+        body = bodies[sim.changed[s]]
         body.contact_end = end
         end += body.contact_count
     for k in range(count):
@@ -232,8 +232,8 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
     `sweeps`. A contact whose bodies have not changed since its last visit is skipped.
     """
     group_contacts(sim)
-    for s in range(len(sim.free)):
-        group = sim.bodies[sim.free[s]]
+    for s in range(sim.counts.changed):
+        group = sim.bodies[sim.changed[s]]
         first, end = group.contact_end - group.contact_count, group.contact_end
         if first == end:
             continue

@@ -77,7 +77,7 @@ def set_path(sim: Simulation, body: int) -> None:
     """Motion of a body that follows its path through the frame, from its pose at the start to the end's."""
     m, start = sim.motion[body], sim.start[body]
     v, w = mean_velocities(sim, body)
-    m.base_time = 0.0
+    m.base_time = -sim.frame.begun
     set_vec(m.position, vec_from(start, 0))
     set_quat(m.orientation, quat_from(start, 3))
     set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * sim.frame.dt))
@@ -87,11 +87,12 @@ def set_path(sim: Simulation, body: int) -> None:
 
 @kernel
 def load_path(sim: Simulation, body: int, t: float) -> None:
-    """Write the velocities that a body that follows its path has at time `t` of the frame to `velocity` of the state."""
+    """Write the velocities that a body that follows its path has at time `t` of the step to `velocity` of the state."""
     m, v = sim.motion[body], sim.velocity[body]
-    set_vec_from(v, 0, add_scaled(vec_of(m.velocity), vec_of(m.acceleration), t))
+    tau = t - m.base_time
+    set_vec_from(v, 0, add_scaled(vec_of(m.velocity), vec_of(m.acceleration), tau))
     set_vec_from(
-        v, 3, add_scaled(vec_of(m.rotation_rate), vec_of(m.half_angular_acceleration), 2.0 * t - m.step_duration)
+        v, 3, add_scaled(vec_of(m.rotation_rate), vec_of(m.half_angular_acceleration), 2.0 * tau - m.step_duration)
     )
 
 

@@ -17,7 +17,7 @@ from geomphys.numerics.vec3 import dot, scale
 from geomphys.simulated.sleeping import is_moving
 from geomphys.simulated.state import Motion, Simulation, is_simulated
 
-NOTHING, STILL, MOVING = 0, 1, 2  # contacts of an island
+NOTHING, STILL, MOVING = range(3)
 
 
 @kernel
@@ -36,69 +36,60 @@ def energy(sim: Simulation, body: int) -> float:
 
 @kernel
 def note_energies(sim: Simulation) -> None:
-    """Store the energies of all simulated bodies, whose base times are the present one, and clear what they touched."""
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        sim.energy[body].before = energy(sim, body)
+    """Store the energies of the changed bodies, whose base times are the present one, and clear what they touched."""
+    for s in range(sim.counts.changed):
+        body = sim.changed[s]
+        sim.energy[body] = energy(sim, body)
         sim.bodies[body].touched = 0
 
 
 @kernel
 def note_new_energies(sim: Simulation) -> None:
-    """Store the energies anew in islands with a body that the caller has just placed.
+    """Store the energies of the changed bodies, all of an island, anew if the caller has just placed one of them.
 
     It may have overlapped another slightly and been moved out of it.
     """
-    for s in range(len(sim.free)):
-        sim.energy[sim.bodies[sim.free[s]].island].excess = 0.0
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if sim.bodies[body].fresh == 1:
-            sim.energy[sim.bodies[body].island].excess = 1.0
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if sim.energy[sim.bodies[body].island].excess == 1.0:
-            sim.energy[body].before = energy(sim, body)
+    any_fresh = False
+    for s in range(sim.counts.changed):
+        any_fresh = any_fresh or sim.bodies[sim.changed[s]].fresh == 1
+    if any_fresh:
+        for s in range(sim.counts.changed):
+            sim.energy[sim.changed[s]] = energy(sim, sim.changed[s])
 
 
 @kernel
-def add_up(sim: Simulation) -> None:
-    """Sum the energy that islands have gained since `note_energies`, and mark what they touch."""
-    for s in range(len(sim.free)):
-        island = sim.energy[sim.bodies[sim.free[s]].island]
-        island.excess, island.kinetic, island.support = 0.0, 0.0, NOTHING
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        island, kind = sim.energy[sim.bodies[body].island], sim.bodies[body]
-        if kind.touched == 1:
-            gain = energy(sim, body) - sim.energy[body].before
-            island.excess = island.excess + gain
-            island.kinetic = island.kinetic + kinetic(sim.motion[body])
-    for k in range(sim.counts.pairs):
-        p = sim.pairs[k]
-        island, b = sim.energy[sim.bodies[p.body[0]].island], p.body[1]
+def support_of(sim: Simulation) -> int:
+    """What an island touches, whose awake bodies are the changed ones."""
+    support = NOTHING
+    for i in range(sim.counts.concerned):
+        p = sim.pairs[sim.concerned[i]]
+        b = p.body[1]
         if is_simulated(sim, b):
             continue
         if is_moving(sim, b):
-            island.support = MOVING
-        elif p.point_count > 0 and island.support == NOTHING:
-            island.support = STILL
+            return MOVING
+        if p.point_count > 0:
+            support = STILL
+    return support
 
 
 @noinline
 def take_excess(sim: Simulation) -> None:
-    """Scale the velocities of bodies in contact, in islands that touch fixed bodies and no driven or moving ones, to the
-    energy that `note_energies` stored.
+    """Scale the velocities of the changed bodies in contact, an island's, if it touches fixed bodies and no driven or moving
+    ones, to the energy that `note_energies` stored.
     """
-    add_up(sim)
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        island, m = sim.energy[sim.bodies[body].island], sim.motion[body]
-        excess, moving = island.excess, island.kinetic
-        if sim.bodies[body].touched == 0 or island.support != STILL:
-            continue
-        if excess > 0.0 and moving > 0.0:
-            factor = math.sqrt(max(0.0, 1.0 - excess / moving))
+    excess, moving = 0.0, 0.0
+    for s in range(sim.counts.changed):
+        body = sim.changed[s]
+        if sim.bodies[body].touched == 1:
+            excess += energy(sim, body) - sim.energy[body]
+            moving += kinetic(sim.motion[body])
+    if excess <= 0.0 or moving <= 0.0 or support_of(sim) != STILL:
+        return
+    factor = math.sqrt(max(0.0, 1.0 - excess / moving))
+    for s in range(sim.counts.changed):
+        m = sim.motion[sim.changed[s]]
+        if sim.bodies[sim.changed[s]].touched == 1:
             set_vec(m.velocity, scale(vec_of(m.velocity), factor))
             set_vec(m.angular_momentum, scale(vec_of(m.angular_momentum), factor))
             set_vec(m.angular_velocity, scale(vec_of(m.angular_velocity), factor))

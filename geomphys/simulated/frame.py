@@ -28,30 +28,40 @@ from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.sleeping import REST_TIME, note_rest
-from geomphys.simulated.state import ASLEEP, AWAKE, Simulation
+from geomphys.simulated.state import ASLEEP, AWAKE, BROKEN, Motion, Simulation, is_coupled
 
 
 @kernel
-def set_free(sim: Simulation, body: int) -> None:
-    """Motion of a simulated body at the frame's start, from its pose and the reported velocity.
-
-    The angular momentum is that of the frame before unless the caller changed the angular velocity.
-    """
-    m, reported, start = sim.motion[body], sim.reported[body], sim.start[body]
-    q = quat_from(start, 3)
-    m.base_time = 0.0
-    set_vec(m.position, add(vec_from(start, 0), quat_rotate(q, vec_of(m.centre))))
+def place(m: Motion, pose: Floats) -> None:
+    """Place the reference point of a simulated body; `pose` (7,) is that of its origin."""
+    q = quat_from(pose, 3)
+    set_vec(m.position, add(vec_from(pose, 0), quat_rotate(q, vec_of(m.centre))))
     set_quat(m.orientation, q)
+
+
+@kernel
+def set_free(sim: Simulation, body: int, pose: Floats) -> None:
+    """Motion of a simulated body at the start of a step, from its `pose` (7,) and the reported velocity.
+
+    Position and angular momentum are those of the step before unless the caller changed the pose or the angular velocity.
+    """
+    m, reported = sim.motion[body], sim.reported[body]
+    same = True
+    for i in range(7):
+        same = same and pose[i] == m.reported_pose[i]
+    if not same:
+        place(m, pose)
+        for i in range(7):
+            m.reported_pose[i] = pose[i]
+    m.base_time = 0.0
     set_vec(m.velocity, vec_from(reported, 0))
     set_vec(m.acceleration, vec_of(sim.gravity))
     set_vec(m.torque, (0.0, 0.0, 0.0))
     omega = vec_from(reported, 3)
     if omega != vec_of(m.reported_angular_velocity) or omega == (0.0, 0.0, 0.0):
-        set_vec(m.angular_momentum, angular_momentum(quat_mul(q, quat_of(m.principal)), vec_of(m.inertia), omega))
+        q = quat_mul(quat_of(m.orientation), quat_of(m.principal))
+        set_vec(m.angular_momentum, angular_momentum(q, vec_of(m.inertia), omega))
     refresh(m)
-    same = True
-    for i in range(7):
-        same = same and start[i] == m.reported_pose[i]
     sim.bodies[body].fresh = 0 if same else 1
     still = same and omega == (0.0, 0.0, 0.0) and vec_from(reported, 0) == (0.0, 0.0, 0.0)
     if not still and m.quiet_time >= REST_TIME:
@@ -62,14 +72,19 @@ def set_free(sim: Simulation, body: int) -> None:
 
 @kernel
 def begin(sim: Simulation, goes_on: bool) -> None:
-    """Set up the motions of simulated bodies, and clear the accumulated impulses, unless the frame `goes_on`."""
+    """Set up the motions of simulated bodies, and clear what was summed in the frame, unless it `goes_on`."""
     for s in range(len(sim.free)):
-        set_free(sim, sim.free[s])
+        body = sim.bodies[sim.free[s]]
+        set_free(sim, sim.free[s], sim.start[sim.free[s]])
+        if body.activation != ASLEEP:
+            body.activation = AWAKE
+        if not goes_on:
+            body.all_moments = body.collisions = body.bound = 0
+    sim.frame.begun, sim.frame.step = 0.0, sim.frame.dt
     fit_paths(sim)
     sim.counts.contacts = 0
     sim.counts.lost = 0
     for k in range(sim.counts.pairs):
-        sim.pairs[k].encounters = 0
         sim.pairs[k].disabled = 0
         if not goes_on:
             for m in range(4):
@@ -77,11 +92,18 @@ def begin(sim: Simulation, goes_on: bool) -> None:
 
 
 @kernel
-def mark_all(sim: Simulation) -> None:
-    """Mark the simulated bodies that are awake in this loop, and no others, as changed."""
+def go_on(sim: Simulation, h: float) -> int:
+    """End a step of `h` seconds and begin another one within the frame; returns as `finish_body`."""
+    flags = 0
     for s in range(len(sim.free)):
-        body = sim.bodies[sim.free[s]]
-        body.changed = 1 if body.activation == AWAKE else 0
+        body = sim.free[s]
+        if is_coupled(sim, body):  # they have been moved to the frame's end
+            sim.motion[body].base_time = sim.motion[body].base_time - h
+        else:
+            flags |= finish_body(sim, body)
+            set_free(sim, body, sim.end[body])
+    sim.frame.begun += h
+    return flags
 
 
 @kernel
@@ -90,9 +112,7 @@ def put_back(sim: Simulation, body: int) -> None:
     m = sim.motion[body]
     set_vec_from(m.saved_pose, 0, vec_of(m.position))
     set_quat_from(m.saved_pose, 3, quat_of(m.orientation))
-    q = quat_from(sim.start[body], 3)
-    set_vec(m.position, add(vec_from(sim.start[body], 0), quat_rotate(q, vec_of(m.centre))))
-    set_quat(m.orientation, q)
+    place(m, sim.start[body])
     set_vec(m.velocity, (0.0, 0.0, 0.0))
     set_vec(m.angular_momentum, (0.0, 0.0, 0.0))
     refresh(m)
@@ -117,31 +137,37 @@ def is_finite(row: Floats) -> bool:
 
 
 @kernel
-def finish(sim: Simulation) -> int:
-    """Write the end poses and velocities of the simulated bodies.
+def finish_body(sim: Simulation, body: int) -> int:
+    """Write the pose and velocity of a simulated body at the step's end.
 
-    One that is not finite goes back to where it was, at rest; returns `FLAG_QUARANTINED` if there is one, else 0.
+    One that is not finite goes back to where it was, at rest: returns `FLAG_QUARANTINED` then, else 0.
     """
+    m, reported, pose = sim.motion[body], sim.reported[body], sim.end[body]
+    q = quat_of(m.orientation)
+    set_vec_from(pose, 0, sub(vec_of(m.position), quat_rotate(q, vec_of(m.centre))))
+    set_quat_from(pose, 3, q)
+    set_vec_from(reported, 0, vec_of(m.velocity))
+    set_vec_from(reported, 3, vec_of(m.angular_velocity))
+    broken = not (is_finite(pose) and is_finite(reported))
+    if broken or sim.bodies[body].activation == ASLEEP:
+        for i in range(7):
+            pose[i] = m.reported_pose[i]
+        for i in range(6):
+            reported[i] = 0.0
+    if broken:
+        place(m, pose)
+        sim.bodies[body].bound = BROKEN
+    note_rest(sim, body, reported)
+    set_vec(m.reported_angular_velocity, vec_from(reported, 3))
+    for i in range(7):
+        m.reported_pose[i] = pose[i]
+    return FLAG_QUARANTINED if broken else 0
+
+
+@kernel
+def finish(sim: Simulation) -> int:
+    """Write the end poses and velocities of the simulated bodies; returns as `finish_body`."""
     flags = 0
     for s in range(len(sim.free)):
-        body = sim.free[s]
-        m, reported = sim.motion[body], sim.reported[body]
-        pose, before = sim.end[body], sim.start[body]
-        q = quat_of(m.orientation)
-        set_vec_from(pose, 0, sub(vec_of(m.position), quat_rotate(q, vec_of(m.centre))))
-        set_quat_from(pose, 3, q)
-        set_vec_from(reported, 0, vec_of(m.velocity))
-        set_vec_from(reported, 3, vec_of(m.angular_velocity))
-        broken = not (is_finite(pose) and is_finite(reported))
-        if broken or sim.bodies[body].activation == ASLEEP:
-            for i in range(7):
-                pose[i] = before[i]
-            for i in range(6):
-                reported[i] = 0.0
-        if broken:
-            flags = FLAG_QUARANTINED
-        note_rest(sim, body, reported)
-        set_vec(m.reported_angular_velocity, vec_from(reported, 3))
-        for i in range(7):
-            m.reported_pose[i] = pose[i]
+        flags |= finish_body(sim, sim.free[s])
     return flags

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import add_vec, vec_of
+from geomphys.numerics.row_vectors import add_vec, set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, cross, scale
-from geomphys.simulated.state import Contact, Simulation, has_changed, is_simulated
+from geomphys.simulated.state import Contact, Simulation, Slot, has_changed, is_disabled, is_simulated
 
 
 @kernel
@@ -43,13 +43,11 @@ def give_force(sim: Simulation, k: int, j: Vec, rate: float) -> None:
 
 
 @kernel
-def note(sim: Simulation, k: int, normal: float, friction: Vec) -> None:
-    """Add an impulse [N s] of contact k to the totals of its point."""
-    r = sim.contacts[k]
-    slot = sim.slots[r.pair, r.slot]
+def note(slot: Slot, n: Vec, normal: float, friction: Vec) -> None:
+    """Add an impulse [N s], `normal` along n and `friction` as a vector, to the totals of a contact point."""
     slot.normal_impulse = slot.normal_impulse + normal
     add_vec(slot.friction_impulse, friction, 1.0)
-    add_vec(slot.normal_impulses, vec_of(r.normal), normal)
+    add_vec(slot.normal_impulses, n, normal)
 
 
 @kernel
@@ -62,24 +60,26 @@ def commit(sim: Simulation) -> None:
             continue
         j = impulse_of(r)
         give_velocity(sim, k, j)
-        note(sim, k, normal, add_scaled(j, vec_of(r.normal), -normal))
+        n = vec_of(r.normal)
+        note(sim.slots[r.pair, r.slot], n, normal, add_scaled(j, n, -normal))
         r.normal_impulse = r.tangent_impulse[0] = r.tangent_impulse[1] = 0.0
 
 
 @kernel
 def drop_contacts(sim: Simulation, t: float) -> None:
-    """Add the impulses of contact forces on changed bodies until time `t` to the totals, and drop their contacts."""
-    retained = 0
-    for k in range(sim.counts.contacts):
-        r = sim.contacts[k]
-        if has_changed(sim, r.a):
-            slot = sim.slots[r.pair, r.slot]
-            elapsed = t - r.since
+    """Add the impulses of contact forces on changed bodies until time `t` to the totals, and drop all contacts."""
+    for i in range(sim.counts.concerned):
+        k = sim.concerned[i]
+        if not has_changed(sim, sim.pairs[k].body[0]):
+            continue
+        for m in range(sim.pairs[k].point_count):
+            slot = sim.slots[k, m]
+            elapsed = t - slot.since
             friction_force = vec_of(slot.friction_force)
             if elapsed > 0.0 and (slot.normal_force > 0.0 or friction_force != (0.0, 0.0, 0.0)):
-                note(sim, k, elapsed * slot.normal_force, scale(friction_force, elapsed))
-            continue
-        if retained < k:
-            sim.contacts[retained] = sim.contacts[k]
-        retained += 1
-    sim.counts.contacts = retained
+                note(slot, vec_of(slot.normal), elapsed * slot.normal_force, scale(friction_force, elapsed))
+                slot.since = t
+            if is_disabled(sim, k):
+                slot.normal_force = 0.0
+                set_vec(slot.friction_force, (0.0, 0.0, 0.0))
+    sim.counts.contacts = 0

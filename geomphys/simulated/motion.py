@@ -28,7 +28,7 @@ from geomphys.numerics.vec3 import (
     rotation_vector,
 )
 from geomphys.simulated.integrate import angular_velocity, inverse_inertia, rotate_freely
-from geomphys.simulated.state import Motion, Simulation, has_changed
+from geomphys.simulated.state import Motion, Simulation
 
 
 @kernel
@@ -106,19 +106,17 @@ def move_base(m: Motion, t: float) -> None:
 @kernel
 def move_bases(sim: Simulation, t: float) -> None:
     """Bring the changed bodies to time `t` of the frame."""
-    for s in range(len(sim.free)):
-        if has_changed(sim, sim.free[s]):
-            move_base(sim.motion[sim.free[s]], t)
+    for s in range(sim.counts.changed):
+        move_base(sim.motion[sim.changed[s]], t)
 
 
 @kernel
 def load_velocities(sim: Simulation) -> None:
     """Write the present velocities of the changed bodies to `velocity` of the state."""
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if has_changed(sim, body):
-            set_vec_from(sim.velocity[body], 0, vec_of(sim.motion[body].velocity))
-            set_vec_from(sim.velocity[body], 3, vec_of(sim.motion[body].angular_velocity))
+    for s in range(sim.counts.changed):
+        body = sim.changed[s]
+        set_vec_from(sim.velocity[body], 0, vec_of(sim.motion[body].velocity))
+        set_vec_from(sim.velocity[body], 3, vec_of(sim.motion[body].angular_velocity))
 
 
 @kernel

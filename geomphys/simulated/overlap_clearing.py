@@ -9,9 +9,8 @@ from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, set_vec, vec_of
 from geomphys.scene.arrays import DRIVEN
 from geomphys.simulated.contact_points import add_contacts, clear_impulse
-from geomphys.simulated.impulse_accumulation import drop_contacts
-from geomphys.simulated.position_projection import LEFT, TOUCHING, project_positions
-from geomphys.simulated.state import COUPLED, Simulation, has_changed, is_simulated
+from geomphys.simulated.position_projection import project_positions
+from geomphys.simulated.state import Simulation, has_changed, is_simulated
 from geomphys.simulated.time_of_impact import pose_pair
 
 CLEARING_ROUNDS = 4  # pair by pair, after one of all pairs together
@@ -31,18 +30,19 @@ def depth_inside(sim: Simulation, k: int, t: float) -> float:
 
 @kernel
 def deepest_inside(sim: Simulation, t: float) -> float:
-    """The largest `depth_inside` of all pairs [m]."""
+    """The largest `depth_inside` of the pairs of changed bodies [m]."""
     deepest = -math.inf
-    for k in range(sim.counts.pairs):
-        deepest = max(deepest, depth_inside(sim, k, t))
+    for i in range(sim.counts.concerned):
+        deepest = max(deepest, depth_inside(sim, sim.concerned[i], t))
     return deepest
 
 
 @kernel
 def clear_together(sim: Simulation, t: float, tolerance: float) -> None:
     """Move changed bodies out of overlaps deeper than `tolerance` [m], by the contact points of all pairs together."""
-    drop_contacts(sim, t)
-    for k in range(sim.counts.pairs):
+    sim.counts.contacts = 0
+    for i in range(sim.counts.concerned):
+        k = sim.concerned[i]
         if has_changed(sim, sim.pairs[k].body[0]):
             add_contacts(sim, k, t)
     project_positions(sim, tolerance)
@@ -55,7 +55,8 @@ def clear_together(sim: Simulation, t: float, tolerance: float) -> None:
 def clear_pair_by_pair(sim: Simulation, t: float, tolerance: float) -> float:
     """Move the bodies of each pair apart that overlaps deeper than `tolerance` [m]; returns how deep the deepest did [m]."""
     deepest = -math.inf
-    for k in range(sim.counts.pairs):
+    for i in range(sim.counts.concerned):
+        k = sim.concerned[i]
         depth = depth_inside(sim, k, t)
         deepest = max(deepest, depth)
         if depth > tolerance:
@@ -69,16 +70,13 @@ def clear_pair_by_pair(sim: Simulation, t: float, tolerance: float) -> float:
 
 
 @noinline
-def clear_overlaps(sim: Simulation, t: float, activation: int) -> None:
-    """Move the bodies of one `activation` out of overlap with what is not driven, at time `t` of the frame.
+def clear_overlaps(sim: Simulation, t: float, tolerance: float) -> None:
+    """Move the changed bodies out of overlaps of more than `tolerance` [m] with what is not driven, at time `t` of the step.
 
     Removes the error of unfinished sweeps and of the step, micrometres; velocities do not change. First by all contact
-    points, then pair by pair: contact points of a curved surface need not be its deepest. Bodies that are AWAKE may touch, as
-    the scene file placed them. Driven links, which must be posed at `t`, are moved afterwards out of what moved into them.
+    points, then pair by pair: contact points of a curved surface need not be its deepest. Driven links, which must be posed at
+    `t`, are moved afterwards out of what moved into them.
     """
-    tolerance = (LEFT if activation == COUPLED else TOUCHING) * sim.frame.gap
-    for s in range(len(sim.free)):
-        sim.bodies[sim.free[s]].changed = 1 if sim.bodies[sim.free[s]].activation == activation else 0
     if deepest_inside(sim, t) <= tolerance:
         return
     clear_together(sim, t, tolerance)

@@ -1,4 +1,4 @@
-"""Finds the pairs of pieces that may come into contact in a frame."""
+"""Finds the pairs of pieces that may come into contact in a step."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from geomphys.numerics.vec3 import (
     sub,
 )
 from geomphys.simulated.contact_points import clear_slot
+from geomphys.simulated.impact_queue import put
+from geomphys.simulated.islands import label_islands
 from geomphys.simulated.motion import point_at
-from geomphys.simulated.state import Simulation, has_changed, is_simulated
-from geomphys.simulated.swept_boxes import apart, box_all, reach_ahead
+from geomphys.simulated.state import Simulation, concerns_changed, is_simulated
+from geomphys.simulated.swept_boxes import apart, box_all, box_changed, reach_ahead
 
 
 @kernel
 def any_beyond_range(sim: Simulation, t: float) -> bool:
     """Whether a changed body may leave the range in which its pairs were searched before their time span ends."""
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if has_changed(sim, body):
-            m = sim.motion[body]
-            gone = norm(sub(point_at(m, t), vec_of(m.listed_position))) + min(2.0, m.listed_rotation) * m.reach
-            if gone + reach_ahead(sim, body, sim.frame.span_end - t) > m.listed_range:
-                return True
+    for s in range(sim.counts.changed):
+        body = sim.changed[s]
+        m = sim.motion[body]
+        gone = norm(sub(point_at(m, t), vec_of(m.listed_position))) + min(2.0, m.listed_rotation) * m.reach
+        if gone + reach_ahead(sim, body, sim.frame.span_end - t) > m.listed_range:
+            return True
     return False
 
 
@@ -70,7 +71,8 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
     p.point_count = p.encounters = p.resting = p.disabled = p.touching = 0
     set_vec(p.axis, (0.0, 0.0, 0.0))
-    p.distance = p.measured_at = p.due = 0.0
+    p.distance = p.due = 0.0
+    p.measured_at, p.queue_index = -1.0, -1
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material
     p.restitution = sim.materials.restitution[material_a, material_b]
     p.friction = sim.materials.friction[material_a, material_b]
@@ -96,8 +98,6 @@ def skip_old(sim: Simulation, old: int) -> int:
         loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
     if loaded and sim.counts.pairs < len(sim.pairs):
         append_old(sim, old)
-        sim.pairs[sim.counts.pairs - 1].measured_at = -1.0
-        sim.pairs[sim.counts.pairs - 1].queue_index = -1
     return old + 1
 
 
@@ -124,8 +124,6 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
     else:
         sim.counts.pairs = k + 1
         new_pair(sim, k, i, j, a, b)
-    sim.pairs[k].measured_at = -1.0
-    sim.pairs[k].queue_index = -1
     return old
 
 
@@ -141,16 +139,13 @@ def save_pairs(sim: Simulation) -> None:
     sim.counts.pairs = 0
 
 
-@noinline
-def find_pairs(sim: Simulation, t: float, until: float) -> None:
-    """List the pairs of pieces, one of a simulated body, that may come into contact between times `t` and `until` of the frame.
+@kernel
+def list_pairs(sim: Simulation) -> None:
+    """List the pairs of pieces, one of a simulated body, whose boxes overlap, with the cached data that they had.
 
     Pairs are sorted by (piece a, piece b). One with an impulse in this frame stays on the list.
     """
-    sim.frame.span_start = t
-    sim.frame.span_end = until
     save_pairs(sim)
-    box_all(sim)
     old = 0
     for s in range(len(sim.free)):
         a = sim.free[s]
@@ -166,28 +161,37 @@ def find_pairs(sim: Simulation, t: float, until: float) -> None:
                         old = add_pair(sim, i, j, a, b, old)
     while old < sim.counts.old_pairs:
         old = skip_old(sim, old)
+
+
+@noinline
+def find_pairs(sim: Simulation, until: float) -> None:
+    """List the pairs that may come into contact from the step's start to time `until`, and label islands."""
+    sim.frame.span_start, sim.frame.span_end = 0.0, until
+    box_all(sim)
+    list_pairs(sim)
+    for k in range(sim.counts.pairs):
+        sim.pairs[k].measured_at = -1.0
+        sim.pairs[k].queue_index = -1
+    sim.counts.queued = 0
     label_islands(sim)
 
 
-@kernel
-def label_islands(sim: Simulation) -> None:
-    """Give bodies that may touch, directly or through others, the same label, and sum the mass of each island."""
-    for s in range(len(sim.free)):
-        sim.bodies[sim.free[s]].island = sim.free[s]
-        sim.island_mass[sim.free[s]] = 0.0
-    changed = True
-    while changed:
-        changed = False
-        for k in range(sim.counts.pairs):
-            b = sim.pairs[k].body[1]
-            if is_simulated(sim, b):
-                x, y = sim.bodies[sim.pairs[k].body[0]], sim.bodies[b]
-                if x.island != y.island:
-                    least = min(x.island, y.island)
-                    x.island = least
-                    y.island = least
-                    changed = True
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        label = sim.bodies[body].island
-        sim.island_mass[label] = sim.island_mass[label] + sim.motion[body].mass
+@noinline
+def find_pairs_again(sim: Simulation, t: float) -> None:
+    """Search again for pairs of the changed bodies from time `t` to the end of the span, and label islands.
+
+    Pairs of other bodies, their order and their places in the queue stay.
+    """
+    sim.frame.span_start = t
+    box_changed(sim)
+    list_pairs(sim)
+    sim.counts.queued = 0
+    for k in range(sim.counts.pairs):
+        p = sim.pairs[k]
+        queued = p.queue_index >= 0 and not concerns_changed(sim, k)
+        p.queue_index = -1
+        if concerns_changed(sim, k):
+            p.measured_at = -1.0
+        elif queued:
+            put(sim, k, p.due)
+    label_islands(sim)

@@ -13,7 +13,7 @@ from geomphys.numerics.vec3 import quat_from_rotation_vector, quat_mul, quat_uni
 from geomphys.simulated.contact_points import normal_speed
 from geomphys.simulated.impulses import solve_normal
 from geomphys.simulated.motion import refresh
-from geomphys.simulated.state import ACTIVE, INACTIVE, Simulation, has_changed, is_disabled
+from geomphys.simulated.state import ACTIVE, INACTIVE, Simulation, is_disabled
 
 PROJECTION_SWEEPS = 200
 SETTLED = 1e-3  # of the gap: the sweeps end when none changes a distance by more
@@ -36,7 +36,7 @@ def is_short(sim: Simulation, k: int, tolerance: float) -> bool:
 def any_short(sim: Simulation, tolerance: float) -> bool:
     """Whether any contact of a changed body has to grow."""
     for k in range(sim.counts.contacts):  # noqa: SIM110
-        if has_changed(sim, sim.contacts[k].a) and is_short(sim, k, tolerance):
+        if is_short(sim, k, tolerance):
             return True
     return False
 
@@ -55,11 +55,13 @@ def sweep_apart(sim: Simulation, give: float, tolerance: float) -> bool:
     With `give` above 0 a contact's target is lower by that fraction of the displacement by its own impulse.
     """
     gap, count = sim.frame.gap, sim.counts.contacts
-    for s in range(len(sim.free)):
+    for s in range(sim.counts.changed):
         for i in range(6):
-            sim.displacement[sim.free[s]][i] = 0.0
+            sim.displacement[sim.changed[s]][i] = 0.0
     for k in range(count):
         sim.contacts[k].normal_impulse = 0.0
+        for i in range(6):  # of a simulated body that has not changed
+            sim.displacement[sim.contacts[k].b][i] = 0.0
     for _ in range(PROJECTION_SWEEPS):
         most = 0.0
         for k in range(count):
@@ -74,15 +76,24 @@ def sweep_apart(sim: Simulation, give: float, tolerance: float) -> bool:
 
 
 @kernel
+def is_first_of_island(sim: Simulation, s: int) -> bool:
+    """Whether none of the changed bodies before number s is of its island."""
+    for i in range(s):  # noqa: SIM110 - a kernel cannot take a generator
+        if sim.bodies[sim.changed[i]].island == sim.bodies[sim.changed[s]].island:
+            return False
+    return True
+
+
+@kernel
 def stay_if_useless(sim: Simulation) -> None:
     """Undo the displacements of islands in which the last sweeps increased no clearance.
 
     Bodies pressed from two sides would otherwise oscillate.
     """
     count = sim.counts.contacts
-    for s in range(len(sim.free)):
-        island = sim.free[s]
-        if sim.bodies[island].island != island:
+    for s in range(sim.counts.changed):
+        island = sim.bodies[sim.changed[s]].island
+        if not is_first_of_island(sim, s):
             continue
         before, after = math.inf, math.inf
         for k in range(count):
@@ -92,9 +103,9 @@ def stay_if_useless(sim: Simulation) -> None:
                 before = min(before, r.clearance)
                 after = min(after, r.clearance + moved)
         if after < before + CLEAR * sim.frame.gap:
-            for i in range(len(sim.free)):
-                if sim.bodies[sim.free[i]].island == island:
-                    displacement = sim.displacement[sim.free[i]]
+            for i in range(sim.counts.changed):
+                if sim.bodies[sim.changed[i]].island == island:
+                    displacement = sim.displacement[sim.changed[i]]
                     set_vec_from(displacement, 0, (0.0, 0.0, 0.0))
                     set_vec_from(displacement, 3, (0.0, 0.0, 0.0))
 
@@ -109,8 +120,7 @@ def project_positions(sim: Simulation, tolerance: float) -> float:
     count = sim.counts.contacts
     for k in range(count):
         r = sim.contacts[k]
-        on = has_changed(sim, r.a) and not is_disabled(sim, r.pair)
-        r.mode = ACTIVE if on else INACTIVE
+        r.mode = INACTIVE if is_disabled(sim, r.pair) else ACTIVE
         r.impulse_limit = math.inf
     if not sweep_apart(sim, 0.0, tolerance):
         sweep_apart(sim, GIVE, tolerance)
@@ -123,15 +133,11 @@ def project_positions(sim: Simulation, tolerance: float) -> float:
             r.clearance = r.clearance + moved
             least = min(least, r.clearance)
             r.normal_impulse = 0.0
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if has_changed(sim, body):
-            m, displacement = sim.motion[body], sim.displacement[body]
-            add_vec(m.position, vec_from(displacement, 0), 1.0)
-            rotation = vec_from(displacement, 3)
-            if rotation[0] != 0.0 or rotation[1] != 0.0 or rotation[2] != 0.0:
-                set_quat(
-                    m.orientation, quat_unit(quat_mul(quat_from_rotation_vector(rotation), quat_of(m.orientation)))
-                )
-                refresh(m)
+    for s in range(sim.counts.changed):
+        m, displacement = sim.motion[sim.changed[s]], sim.displacement[sim.changed[s]]
+        add_vec(m.position, vec_from(displacement, 0), 1.0)
+        rotation = vec_from(displacement, 3)
+        if rotation[0] != 0.0 or rotation[1] != 0.0 or rotation[2] != 0.0:
+            set_quat(m.orientation, quat_unit(quat_mul(quat_from_rotation_vector(rotation), quat_of(m.orientation))))
+            refresh(m)
     return least

@@ -39,19 +39,18 @@ def set_limits(sim: Simulation) -> None:
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         a, b = r.a, r.b
-        if not has_changed(sim, a) or is_simulated(sim, b) or sim.bodies[b].moves == 0:
+        if is_simulated(sim, b) or sim.bodies[b].moves == 0:
             continue
         v = norm(speed_at(sim.velocity, r, a, b))
-        effective_mass = sim.island_mass[sim.bodies[a].island]
+        effective_mass = sim.islands[sim.bodies[a].island].mass
         r.impulse_limit = 4.0 * effective_mass * (v + WEIGHT_TIME * sim.frame.weight)
 
 
 @kernel
 def clear_impulses_of_contacts(sim: Simulation) -> None:
-    """Set the impulses of the contacts of changed bodies to zero."""
+    """Set the impulses of the contacts to zero."""
     for k in range(sim.counts.contacts):
-        if has_changed(sim, sim.contacts[k].a):
-            clear_impulse(sim.contacts[k])
+        clear_impulse(sim.contacts[k])
 
 
 @kernel
@@ -69,13 +68,12 @@ def disable_squeezed(sim: Simulation) -> bool:
 
 @noinline
 def stop_slow_approach(sim: Simulation) -> None:
-    """Stop the approach at all touching points of changed bodies together, with ε = 0, unless it is slower than `APPROACH`."""
+    """Stop the approach at all touching points together, with ε = 0, unless it is slower than `APPROACH`."""
     least = 0.0
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         a, b = r.a, r.b
-        on = has_changed(sim, a) and r.clearance <= sim.frame.touch
-        on = on and not is_disabled(sim, r.pair)
+        on = r.clearance <= sim.frame.touch and not is_disabled(sim, r.pair)
         r.mode = ACTIVE if on else INACTIVE
         r.target_speed = 0.0
         if on:
@@ -100,18 +98,17 @@ def choose_active_contacts(sim: Simulation, h: float) -> None:
 
     Points that do not touch, but others of their pair do, are among them if they approach below the restitution threshold.
     """
-    for k in range(sim.counts.pairs):
-        if has_changed(sim, sim.pairs[k].body[0]):
-            sim.pairs[k].resting = 0
+    for i in range(sim.counts.concerned):
+        if has_changed(sim, sim.pairs[sim.concerned[i]].body[0]):
+            sim.pairs[sim.concerned[i]].resting = 0
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
-        touches = r.clearance <= sim.frame.touch
-        if touches and has_changed(sim, r.a) and not is_disabled(sim, r.pair):
+        if r.clearance <= sim.frame.touch and not is_disabled(sim, r.pair):
             sim.pairs[r.pair].resting = 1
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         r.mode = INACTIVE
-        if has_changed(sim, r.a) and not is_disabled(sim, r.pair):
+        if not is_disabled(sim, r.pair):
             speed = speed_at(sim.velocity, r, r.a, r.b)
             v, clearance = dot(speed, vec_of(r.normal)), r.clearance
             held = sim.pairs[r.pair].resting == 1
@@ -139,13 +136,14 @@ def begin_with_old_force(sim: Simulation, k: int, h: float) -> None:
 
 
 @kernel
-def keep_force(sim: Simulation, k: int, h: float) -> None:
-    """Convert the impulses of contact k to constant forces over `h` seconds: of its point, and on both bodies."""
+def keep_force(sim: Simulation, k: int, t: float, h: float) -> None:
+    """Convert the impulses of contact k to constant forces over `h` seconds from time `t`: of its point, and on both bodies."""
     r = sim.contacts[k]
     j, normal = impulse_of(r), r.normal_impulse
     give_force(sim, k, j, 1.0 / h)
     slot = sim.slots[r.pair, r.slot]
-    slot.normal_force = normal / h
+    slot.normal_force, slot.since = normal / h, t
+    set_vec(slot.normal, vec_of(r.normal))
     set_vec(slot.friction_force, scale(add_scaled(j, vec_of(r.normal), -normal), 1.0 / h))
     clear_impulse(r)
 
@@ -157,12 +155,11 @@ def fall(sim: Simulation, t: float, h: float) -> None:
     Bodies with prescribed motion get their velocities at `t` + `h`.
     """
     load_paths(sim, t + h)
-    for s in range(len(sim.free)):
-        body = sim.free[s]
-        if has_changed(sim, body):
-            add_vec_from(sim.velocity[body], 0, vec_of(sim.gravity), h)
-            set_vec(sim.motion[body].acceleration, vec_of(sim.gravity))
-            set_vec(sim.motion[body].torque, (0.0, 0.0, 0.0))
+    for s in range(sim.counts.changed):
+        body = sim.changed[s]
+        add_vec_from(sim.velocity[body], 0, vec_of(sim.gravity), h)
+        set_vec(sim.motion[body].acceleration, vec_of(sim.gravity))
+        set_vec(sim.motion[body].torque, (0.0, 0.0, 0.0))
 
 
 @kernel
@@ -214,8 +211,6 @@ def solve_resting_contact(sim: Simulation, t: float, h: float, sweeps: int) -> N
         clear_impulses_of_contacts(sim)
         load_velocities(sim)
     for k in range(count):
-        if has_changed(sim, sim.contacts[k].a):
-            keep_force(sim, k, h)
-    for s in range(len(sim.free)):
-        if has_changed(sim, sim.free[s]):
-            plan(sim.motion[sim.free[s]], h)
+        keep_force(sim, k, t, h)
+    for s in range(sim.counts.changed):
+        plan(sim.motion[sim.changed[s]], h)

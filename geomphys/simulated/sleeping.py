@@ -31,7 +31,7 @@ def is_quiet(m: Motion) -> bool:
 
 @kernel
 def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
-    """Update how long a simulated body has been at rest at the frame's end, and set the rest of its motion to zero.
+    """Update how long a simulated body has been at rest at the step's end, and set the rest of its motion to zero.
 
     `reported` is its record of the velocities for the caller.
     """
@@ -39,7 +39,7 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
     borne = kind.touched == 1 and sim.frame.weight > 0.0
     if fastest < SLOW_SPEED and (borne or kind.activation == ASLEEP):
-        m.slow_time = m.slow_time + sim.frame.dt
+        m.slow_time = m.slow_time + sim.frame.step
     else:
         m.slow_time = 0.0
     square = 0.0
@@ -48,7 +48,7 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
         square += change * change
     path = norm(sub(vec_of(m.position), vec_from(m.rest_pose, 0))) + 2.0 * math.sqrt(square) * m.reach
     if path < REST_DISTANCE and fastest < REST_SPEED and norm(vec_of(m.acceleration)) < REST_ACCELERATION:
-        m.quiet_time = m.quiet_time + sim.frame.dt
+        m.quiet_time = m.quiet_time + sim.frame.step
     else:
         m.quiet_time = 0.0
         set_vec_from(m.rest_pose, 0, vec_of(m.position))
@@ -91,7 +91,7 @@ def lay_to_rest(sim: Simulation, body: int) -> None:
 def wake(sim: Simulation, first: bool) -> bool:
     """Decide which bodies are awake, from the pairs just found.
 
-    `first`: the frame begins; bodies fall asleep only then. Returns whether any is awake.
+    `first`: the step begins; bodies fall asleep only then. Those solved with driven ones stay so. Returns whether any is awake.
     """
     for s in range(len(sim.free)):
         sim.bodies[sim.free[s]].island_activation = ASLEEP
@@ -106,26 +106,25 @@ def wake(sim: Simulation, first: bool) -> bool:
     any_awake = False
     for s in range(len(sim.free)):
         body = sim.free[s]
-        if not first and is_coupled(sim, body):
+        if is_coupled(sim, body):
+            any_awake = True
             continue
         activation = sim.bodies[sim.bodies[body].island].island_activation
         sim.bodies[body].activation = activation
         any_awake = any_awake or activation == AWAKE
         if activation == ASLEEP:
             lay_to_rest(sim, body)
-    if first:
-        sum_sleeping_forces(sim)
     return any_awake
 
 
 @kernel
-def sum_sleeping_forces(sim: Simulation) -> None:
-    """Contact forces of sleeping bodies continue: add their impulses of the frame to the totals."""
-    dt = sim.frame.dt
+def sum_sleeping_forces(sim: Simulation, h: float) -> None:
+    """Contact forces of sleeping bodies continue: add their impulses of a step of `h` seconds to the totals."""
     for k in range(sim.counts.pairs):
         if sim.bodies[sim.pairs[k].body[0]].activation == ASLEEP:
             for m in range(sim.pairs[k].point_count):
                 slot = sim.slots[k, m]
-                slot.normal_impulse = slot.normal_impulse + dt * slot.normal_force
-                add_vec(slot.friction_impulse, vec_of(slot.friction_force), dt)
-                add_vec(slot.normal_impulses, vec_of(sim.pairs[k].axis), dt * slot.normal_force)
+                slot.since = h
+                slot.normal_impulse = slot.normal_impulse + h * slot.normal_force
+                add_vec(slot.friction_impulse, vec_of(slot.friction_force), h)
+                add_vec(slot.normal_impulses, vec_of(sim.pairs[k].axis), h * slot.normal_force)

@@ -24,7 +24,7 @@ FLOAT, INT = np.float64, np.int64
 
 MOTION = np.dtype(
     [
-        ("base_time", FLOAT),  # s since the frame's start: τ0
+        ("base_time", FLOAT),  # s since the step's start: τ0
         ("position", FLOAT, 3),  # m: p
         ("orientation", FLOAT, 4),  # x y z w: q
         ("velocity", FLOAT, 3),  # m/s: v
@@ -58,6 +58,10 @@ MOTION = np.dtype(
 )
 """Motion of a body."""
 
+UNBOUNDED, OUT_OF_COLLISIONS, STOPPED, BROKEN = range(4)
+"""What ended the work on the island of a body in this frame: nothing; the bound on collisions, after which nothing bounces; that
+on moments with impacts, or numbers that are not finite, after which it stands still."""
+
 ASLEEP, AWAKE, COUPLED, IN_OTHER_GROUP = range(4)
 """Activation of a simulated body: at rest and left out; in this loop; solved with driven bodies, in the group at hand or all of
 them; solved with driven bodies, in another group than that at hand."""
@@ -71,10 +75,14 @@ BODY = np.dtype(
         ("material", INT),
         ("island", INT),  # label shared by bodies that may touch within the frame
         ("changed", INT),  # 1: its motion has changed at this moment
+        ("substep_end", FLOAT),  # s of the step: until when its island has been solved
+        ("moments", INT),  # moments with impacts of its island in this substep
+        ("all_moments", INT),  # the same in this frame
+        ("collisions", INT),  # collisions of its island in this frame
+        ("bound", INT),  # UNBOUNDED, OUT_OF_COLLISIONS, STOPPED or BROKEN
         ("moves", INT),  # 1: may move
         ("activation", INT),  # ASLEEP, AWAKE, COUPLED or IN_OTHER_GROUP
         ("island_activation", INT),  # ASLEEP or AWAKE: of the island labelled by this body, while that is decided
-        ("island_put_back", INT),  # 1: that island goes back to its poses at the frame's start
         ("fresh", INT),  # 1: placed by the caller, not where the frame before left it
         ("touched", INT),  # 1: has had contact points in this step
         (
@@ -87,6 +95,17 @@ BODY = np.dtype(
     ]
 )
 """Role of a body, and its state in this frame."""
+
+ISLAND = np.dtype(
+    [
+        ("first_body", INT),  # its simulated bodies in `members`
+        ("end_body", INT),
+        ("first_pair", INT),  # the pairs of them in `island_pairs`
+        ("end_pair", INT),
+        ("mass", FLOAT),  # kg
+    ]
+)
+"""Bodies that may touch, directly or through others; the least of them labels it."""
 
 INACTIVE, ACTIVE, IMPACTING = range(3)
 """Modes of a contact."""
@@ -116,7 +135,6 @@ CONTACT = np.dtype(
         ("target_speed", FLOAT),  # m/s: the normal velocity must not end below it
         ("friction", FLOAT),
         ("restitution", FLOAT),
-        ("since", FLOAT),  # s of the frame: start of the point's forces
         (
             "impulse_limit",
             FLOAT,
@@ -149,8 +167,8 @@ PAIR = np.dtype(
         ("disabled", INT),  # 1: b, of prescribed motion, presses a against something: no contact until the frame's end
         ("axis", FLOAT, 3),  # last separating direction
         ("distance", FLOAT),  # m: separation when last measured
-        ("measured_at", FLOAT),  # s of the frame: when that was, -1: not in this frame
-        ("due", FLOAT),  # s of the frame: its next impact
+        ("measured_at", FLOAT),  # s of the step: when that was, -1: not in this step
+        ("due", FLOAT),  # s of the step: its next impact
         ("friction", FLOAT),
         ("restitution", FLOAT),
         ("touching", INT),  # 1: was in contact in the last coupled step
@@ -166,22 +184,14 @@ SLOT = np.dtype(
         ("normal_impulse", FLOAT),  # N s, of the frame
         ("friction_impulse", FLOAT, 3),  # N s, of the frame
         ("normal_impulses", FLOAT, 3),  # N s: normal impulses of the frame as vectors
+        ("since", FLOAT),  # s of the step: until when the impulses of its forces have been summed
+        ("normal", FLOAT, 3),  # unit, world: of its forces
         ("used", INT),  # 1: the slot has a point
         ("depth", FLOAT),  # m: minus the clearance when last measured
         ("slip_debt", FLOAT, 3),  # m, a's frame: drift of the point while it stuck
     ]
 )
 """A contact point of a pair, cached from step to step."""
-
-ENERGY = np.dtype(
-    [
-        ("before", FLOAT),  # J: of a body, at the step's start
-        ("excess", FLOAT),  # J: gain of the bodies of an island that touched something
-        ("kinetic", FLOAT),  # J: their kinetic energy
-        ("support", INT),  # contacts of the island: see `geomphys.simulated.energy`
-    ]
-)
-"""Energy of a body, and of the island labelled by it."""
 
 COUNTS = np.dtype(
     [
@@ -190,6 +200,8 @@ COUNTS = np.dtype(
         ("contacts", INT),
         ("queued", INT),
         ("lost", INT),  # pairs and contact points beyond the capacity of their table
+        ("changed", INT),
+        ("concerned", INT),
     ]
 )
 """How much of the tables is in use."""
@@ -197,13 +209,15 @@ COUNTS = np.dtype(
 FRAME = np.dtype(
     [
         ("dt", FLOAT),  # s
+        ("step", FLOAT),  # s: length of the step at hand
+        ("begun", FLOAT),  # s of the frame: its start
         ("gap", FLOAT),  # m: clearance between surfaces in contact
         ("touch", FLOAT),  # m: clearance that counts as touching
         ("restitution_threshold", FLOAT),  # m/s: slower approaches are resting contact
         ("weight", FLOAT),  # m/s²: |gravity|
         ("extent_low", FLOAT, 3),  # m: box of everything that simulated bodies can reach
         ("extent_high", FLOAT, 3),
-        ("span_start", FLOAT),  # s of the frame: the span in which pairs are searched
+        ("span_start", FLOAT),  # s of the step: the span in which pairs are searched
         ("span_end", FLOAT),
     ]
 )
@@ -278,8 +292,12 @@ class Simulation(NamedTuple):
     order: Ints  # (K,) contacts by groups of bodies in contact, while they are solved
     velocity: Floats  # (B, 6) velocities while contact points are solved
     displacement: Floats  # (B, 6) displacements of position projection
-    island_mass: Floats  # (B,) kg: of the island with this label
-    energy: Records  # (B,) ENERGY
+    islands: Records  # (B,) ISLAND, by its label
+    members: Ints  # (B,) simulated bodies by islands
+    island_pairs: Ints  # (N,) pairs by islands
+    changed: Ints  # (B,) bodies whose motion has changed at this moment, sorted
+    concerned: Ints  # (N,) pairs of at least one of them, sorted
+    energy: Floats  # (B,) J: of the bodies, when their island's substep began
     queue: Ints  # (N,) the queue of impacts
     found: Ints  # (B,) bodies near another
     old_slots: Records  # (4,) SLOT
@@ -307,6 +325,13 @@ def is_coupled(sim: Simulation, body: int) -> bool:
 def has_changed(sim: Simulation, body: int) -> bool:
     """Whether the motion of a simulated body has changed at this moment."""
     return sim.bodies[body].changed == 1
+
+
+@kernel
+def concerns_changed(sim: Simulation, pair: int) -> bool:
+    """Whether the motion of one of a pair's bodies has changed."""
+    p = sim.pairs[pair]
+    return has_changed(sim, p.body[0]) or has_changed(sim, p.body[1])
 
 
 @kernel

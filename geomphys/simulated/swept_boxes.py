@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import quat_from, rot_of, set_vec, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Rot,
@@ -123,16 +123,33 @@ def box_free(sim: Simulation, body: int) -> None:
 
 
 @kernel
-def box_all(sim: Simulation) -> None:
-    """Boxes of all bodies that move, in the span searched."""
+def set_extent(sim: Simulation) -> None:
+    """Box of everything that simulated bodies can reach, from the boxes of the bodies."""
     low, high = sim.frame.extent_low, sim.frame.extent_high
     set_vec(low, (math.inf, math.inf, math.inf))
     set_vec(high, (-math.inf, -math.inf, -math.inf))
     for s in range(len(sim.free)):
-        body = sim.free[s]
-        box_free(sim, body)
-        box = sim.body_boxes[body]
+        box = sim.body_boxes[sim.free[s]]
         for i in range(3):
             low[i], high[i] = min(low[i], box.low[i]), max(high[i], box.high[i])
+
+
+@noinline
+def box_all(sim: Simulation) -> None:
+    """Boxes of all bodies that move, in the span searched."""
+    for s in range(len(sim.free)):
+        box_free(sim, sim.free[s])
+    set_extent(sim)
     for k in range(len(sim.paths)):
         box_path(sim, sim.paths[k])
+
+
+@noinline
+def box_changed(sim: Simulation) -> None:
+    """Boxes of the changed bodies in the span searched, and of bodies with prescribed motion that were out of reach."""
+    for s in range(sim.counts.changed):
+        box_free(sim, sim.changed[s])
+    set_extent(sim)
+    for k in range(len(sim.paths)):
+        if sim.body_boxes[sim.paths[k]].low[0] == math.inf:
+            box_path(sim, sim.paths[k])

@@ -1,8 +1,9 @@
 """One frame of the simulated loop: bodies move to their next impact, it is resolved, they move on.
 
 A frame is divided in steps of at most `STEP`, at any frame rate: contact forces are constant over a step, and pairs that may
-touch are searched step by step. Within a step the queue has the time of impact of each pair; the earliest is resolved, the
-bodies that it concerns, and those that may touch them, get new forces and motions, and their pairs are queued again.
+touch are searched step by step. Islands, of bodies that may touch, have substeps, bounds and solves of their own; a step is
+divided in substeps where a body rotates fast. Within one the queue has the time of impact of each pair; the earliest is resolved,
+the bodies that it concerns, and those that may touch them, get new forces and motions, and their pairs are queued again.
 """
 
 from __future__ import annotations
@@ -16,23 +17,33 @@ from geomphys.results import FLAG_IMPACT_BOUND, FLAG_TABLE_FULL
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_contacts
 from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
-from geomphys.simulated.frame import begin, finish, mark_all, put_back, undo_put_back
-from geomphys.simulated.impact_queue import empty_queue, put, take_out
+from geomphys.simulated.frame import begin, finish, go_on, put_back, undo_put_back
+from geomphys.simulated.impact_queue import put, take_out
 from geomphys.simulated.impulse_accumulation import drop_contacts
-from geomphys.simulated.islands import concerns_changed, mark_connected
+from geomphys.simulated.islands import is_label, mark_connected, mark_island
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.overlap_clearing import clear_overlaps
-from geomphys.simulated.pairs import any_beyond_range, find_pairs
+from geomphys.simulated.pairs import any_beyond_range, find_pairs, find_pairs_again
 from geomphys.simulated.position_projection import TOUCHING, any_short, project_positions
 from geomphys.simulated.resting_contact import FEW_SWEEPS, SWEEPS, solve_resting_contact
-from geomphys.simulated.sleeping import wake
-from geomphys.simulated.state import AWAKE, Simulation, has_changed, is_disabled, is_simulated
+from geomphys.simulated.sleeping import sum_sleeping_forces, wake
+from geomphys.simulated.state import (
+    OUT_OF_COLLISIONS,
+    STOPPED,
+    UNBOUNDED,
+    Simulation,
+    has_changed,
+    is_disabled,
+    is_simulated,
+)
 from geomphys.simulated.time_of_impact import first_touch, measure_pair
 
 STEP = 1.0 / 240.0  # s: contact forces are constant for no longer
 STEP_TOLERANCE = 0.01  # fraction of a step by which one may be longer: times of messages are rounded
 ROTATION_PER_STEP = 0.1  # rad: a body that may touch something rotates no further in a step
 MIN_STEP = 1e-6  # s
+MAX_SUBSTEPS = 16  # substeps of a frame where driven and simulated bodies may touch
+MOMENTS = 320  # moments with impacts of an island in a frame, beside two for each collision that it may have
 MIN_RESTITUTION_THRESHOLD = 1e-3  # m/s: also where there is no gravity, slower approaches do not bounce
 TOUCH = 5.0  # gaps: clearance that counts as touching
 MAX_ENCOUNTERS = 40  # impacts of a pair in a step, if one has prescribed motion: beyond, the pair is disabled
@@ -47,12 +58,12 @@ DEEP = 3.0  # gaps: an overlap that linearised contacts no longer describe
 def build_contacts(sim: Simulation, t: float) -> float:
     """Find the contact points of changed bodies at time `t`. Returns the least clearance among them [m]."""
     drop_contacts(sim, t)
-    first = sim.counts.contacts
-    for k in range(sim.counts.pairs):
+    for i in range(sim.counts.concerned):
+        k = sim.concerned[i]
         if has_changed(sim, sim.pairs[k].body[0]):
             add_contacts(sim, k, t)
     least = math.inf
-    for k in range(first, sim.counts.contacts):
+    for k in range(sim.counts.contacts):
         least = min(least, sim.contacts[k].clearance)
     return least
 
@@ -69,9 +80,8 @@ def project_out_of_overlap(sim: Simulation, t: float) -> float:
         if not any_short(sim, tolerance):
             break
         projected = project_positions(sim, tolerance)
-        for k in range(sim.counts.pairs):
-            if concerns_changed(sim, k):
-                sim.pairs[k].measured_at = -1.0
+        for i in range(sim.counts.concerned):
+            sim.pairs[sim.concerned[i]].measured_at = -1.0
         if least >= -DEEP * sim.frame.gap:
             return projected
         least = build_contacts(sim, t)
@@ -92,11 +102,9 @@ def allowed_approach(sim: Simulation, pair: int) -> float:
 def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
     """Find the times of impact before `t1` of the pairs of changed bodies and queue them."""
     gap = sim.frame.gap
-    for k in range(sim.counts.pairs):
-        p = sim.pairs[k]
-        if not concerns_changed(sim, k):
-            continue
-        due = math.inf
+    for i in range(sim.counts.concerned):
+        k = sim.concerned[i]
+        p, due = sim.pairs[k], math.inf
         if p.encounters >= MAX_ENCOUNTERS and not is_simulated(sim, p.body[1]) and sim.bodies[p.body[1]].moves == 1:
             p.disabled = 1
         if not is_disabled(sim, k):
@@ -114,14 +122,14 @@ def queue_pairs(sim: Simulation, t: float, t1: float) -> None:
 
 
 @kernel
-def longest_step(sim: Simulation, left: float) -> float:
-    """Longest step for the bodies that may touch something [s]."""
+def longest_substep(sim: Simulation, left: float) -> float:
+    """Longest substep for the changed bodies, an island's [s]: those that may touch something do not rotate far in it."""
     h = left
-    for k in range(sim.counts.pairs):
-        p = sim.pairs[k]
+    for i in range(sim.counts.concerned):
+        p = sim.pairs[sim.concerned[i]]
         for side in range(2):
             body = p.body[side]
-            if is_simulated(sim, body) and sim.arm[p.piece[side]] > 0.0:
+            if has_changed(sim, body) and sim.arm[p.piece[side]] > 0.0:
                 omega = norm(vec_of(sim.motion[body].angular_velocity))
                 if omega * h > ROTATION_PER_STEP:
                     h = max(MIN_STEP, ROTATION_PER_STEP / omega)
@@ -129,144 +137,257 @@ def longest_step(sim: Simulation, left: float) -> float:
 
 
 @kernel
-def refresh_pairs(sim: Simulation, t: float, until: float) -> None:
-    """Search again for pairs that may touch between times `t` and `until` of the frame; all bodies then count as changed."""
-    mark_all(sim)
-    move_bases(sim, t)
-    drop_contacts(sim, t)
-    find_pairs(sim, t, until)
+def share_counts(sim: Simulation) -> None:
+    """Give the changed bodies, an island's, the end of the substep and the counts of that among them which has most."""
+    end, moments, all_moments, collisions, bound = math.inf, 0, 0, 0, UNBOUNDED
+    for s in range(sim.counts.changed):
+        body = sim.bodies[sim.changed[s]]
+        end, moments = min(end, body.substep_end), max(moments, body.moments)
+        all_moments, collisions = max(all_moments, body.all_moments), max(collisions, body.collisions)
+        bound = max(bound, body.bound)
+    for s in range(sim.counts.changed):
+        body = sim.bodies[sim.changed[s]]
+        body.substep_end, body.moments = end, moments
+        body.all_moments, body.collisions, body.bound = all_moments, collisions, bound
+
+
+@kernel
+def merge_islands(sim: Simulation, t: float) -> int:
+    """Search again for pairs of the changed bodies, an island's, at time `t`, and join islands that it may now touch.
+
+    The bodies of the whole island are then marked as changed. Returns its label.
+    """
+    find_pairs_again(sim, t)
     wake(sim, False)
-    mark_all(sim)
+    label = sim.bodies[sim.changed[0]].island
+    mark_island(sim, label)
     move_bases(sim, t)
-    empty_queue(sim)
+    share_counts(sim)
+    return int(label)
 
 
 @noinline
-def advance_step(sim: Simulation, t0: float, t1: float, max_collisions: int, max_events: int) -> tuple[int, int, bool]:
-    """Move the simulated bodies from time `t0` of the frame to `t1`, from impact to impact.
+def solve_moment(sim: Simulation, t: float, max_collisions: int) -> int:
+    """Impacts and contact forces of the changed bodies, of one island, at time `t`, and their next impacts.
 
-    Returns the number of collisions resolved, the number of events (moments at which there was an impact), and whether a
-    bound was hit; if it was that on events, the bodies are where the last one left them.
+    Returns the number of collisions resolved.
     """
-    collisions, events, bounded = 0, 0, False
-    t = t0
-    mark_all(sim)
-    empty_queue(sim)
-    note_energies(sim)
+    label, done = sim.bodies[sim.changed[0]].island, 0
     while True:
         move_bases(sim, t)
         project_out_of_overlap(sim, t)
-        if t == t0:
+        first = sim.bodies[sim.changed[0]]
+        if t == 0.0:
             note_new_energies(sim)
-        done, full = resolve(sim, t, max_collisions - collisions)
-        collisions += done
-        bounded = bounded or full
-        solve_resting_contact(sim, t, t1 - t, SWEEPS if events == 0 else FEW_SWEEPS)
-        if any_beyond_range(sim, t):
-            refresh_pairs(sim, t, sim.frame.span_end)
-            note_energies(sim)  # islands have changed
-            continue
-        queue_pairs(sim, t, t1)
-        if sim.counts.queued == 0:
+        resolved, full = resolve(sim, t, max_collisions - first.collisions)
+        done += resolved
+        if resolved > 0 or full:
+            count_work(sim, label, resolved, 0, OUT_OF_COLLISIONS if full else UNBOUNDED)
+        solve_resting_contact(sim, t, first.substep_end - t, SWEEPS if first.moments == 0 else FEW_SWEEPS)
+        if not any_beyond_range(sim, t):
             break
-        pair = sim.queue[0]
-        t = sim.pairs[pair].due
-        sim.pairs[pair].encounters = sim.pairs[pair].encounters + 1
-        mark_connected(sim, pair, t)
-        events += 1
-        if events > max_events:
-            mark_all(sim)
-            move_bases(sim, t)
-            return collisions, events, True
-    mark_all(sim)
-    move_bases(sim, t1)
-    clear_overlaps(sim, t1, AWAKE)
-    take_excess(sim)
-    return collisions, events, bounded
+        mark_island(sim, label)
+        move_bases(sim, t)
+        label = merge_islands(sim, t)
+        note_energies(sim)
+        if is_stopped(sim):
+            stop_island(sim, label, t)
+            return done
+    queue_pairs(sim, t, sim.bodies[sim.changed[0]].substep_end)
+    return done
 
 
 @kernel
-def begin_step(sim: Simulation, t: float, t1: float, steps: int) -> None:
-    """Begin the step of the frame from `t` to `t1` as if it were a frame of its own: later pairs are not searched."""
-    if steps > 1:
-        refresh_pairs(sim, t, t1)
+def count_work(sim: Simulation, label: int, collisions: int, moments: int, bound: int) -> None:
+    """Add to the counts of an island, and note a bound that it has met."""
+    for i in range(sim.islands[label].first_body, sim.islands[label].end_body):
+        body = sim.bodies[sim.members[i]]
+        body.collisions += collisions
+        body.moments += moments
+        body.all_moments += moments
+        body.bound = max(body.bound, bound)
+
+
+@kernel
+def is_stopped(sim: Simulation) -> bool:
+    """Whether the island of the changed bodies stands still for the rest of the frame; true if there are none."""
+    return bool(sim.counts.changed == 0 or sim.bodies[sim.changed[0]].bound >= STOPPED)
+
+
+@kernel
+def stop_island(sim: Simulation, label: int, t: float) -> None:
+    """Leave the bodies of an island where they are at time `t` until the frame's end."""
+    mark_island(sim, label)
+    move_bases(sim, t)
+    drop_contacts(sim, t)
+    count_work(sim, label, 0, 0, STOPPED)
+    for i in range(sim.counts.concerned):
+        take_out(sim, sim.concerned[i])
+    for s in range(sim.counts.changed):
+        sim.bodies[sim.changed[s]].substep_end = sim.frame.step
+
+
+@kernel
+def pass_impact(sim: Simulation, pair: int, max_collisions: int) -> int:
+    """Go on to the impact of a pair; returns the number of collisions resolved."""
+    p = sim.pairs[pair]
+    t, label = p.due, sim.bodies[p.body[0]].island
+    p.encounters = p.encounters + 1
+    mark_connected(sim, pair, t)
+    count_work(sim, label, 0, 1, UNBOUNDED)
+    if sim.bodies[sim.changed[0]].all_moments > MOMENTS + 2 * max_collisions:
+        stop_island(sim, label, t)
+        return 0
+    return solve_moment(sim, t, max_collisions)
+
+
+@kernel
+def begin_substep(sim: Simulation, label: int, t: float, max_collisions: int) -> int:
+    """Begin a substep of an island at time `t` of the step; returns the number of collisions resolved."""
+    mark_island(sim, label)
+    if t == 0.0:
+        share_counts(sim)
+    if is_stopped(sim):
+        return 0
+    left = sim.frame.step - t
+    h = longest_substep(sim, left)
+    for s in range(sim.counts.changed):
+        body = sim.bodies[sim.changed[s]]
+        body.substep_end = t + h if h < left else sim.frame.step
+        body.moments = 0
+    move_bases(sim, t)
+    note_energies(sim)
+    return solve_moment(sim, t, max_collisions)
+
+
+@kernel
+def end_substep(sim: Simulation, label: int, t: float) -> None:
+    """Move the bodies of an island to time `t` of the step, and out of the errors of the substep that ends then."""
+    mark_island(sim, label)
+    if is_stopped(sim):
+        return
+    move_bases(sim, t)
+    drop_contacts(sim, t)
+    clear_overlaps(sim, t, TOUCHING * sim.frame.gap)
+    take_excess(sim)
+
+
+@kernel
+def next_to_end(sim: Simulation) -> int:
+    """Label of the island whose substep ends first, before the step does; -1: none."""
+    soonest, label = sim.frame.step, -1
+    for s in range(len(sim.free)):
+        body = sim.free[s]
+        if sim.bodies[body].substep_end < soonest and is_label(sim, body):
+            soonest, label = sim.bodies[body].substep_end, body
+    return label
+
+
+@noinline
+def advance_step(sim: Simulation, max_collisions: int) -> int:
+    """Move the simulated bodies through the step, from impact to impact; returns the number of collisions resolved.
+
+    Moments and ends of substeps are passed in the order of time, so that an island that comes near another one finds it there.
+    """
+    collisions = 0
+    for s in range(len(sim.free)):
+        body = sim.bodies[sim.free[s]]
+        body.substep_end, body.touched = sim.frame.step, 0
     for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0
-    if t > 0.0:
-        for s in range(len(sim.free)):
-            sim.bodies[sim.free[s]].fresh = 0
-
-
-@kernel
-def advance_frame(sim: Simulation, max_collisions: int) -> tuple[int, int, float]:
-    """Move the simulated bodies through the frame, in equal steps, which are divided where bodies rotate fast.
-
-    Returns the number of collisions, 0 or `FLAG_IMPACT_BOUND`, and the time of the frame that the bodies have reached.
-    """
-    dt = sim.frame.dt
-    steps = max(1, math.ceil(dt / STEP - STEP_TOLERANCE))
-    max_events = 20 * steps + 2 * max_collisions
-    if sim.counts.pairs == 0:
-        steps = 1
-    t, collisions, events, flags = 0.0, 0, 0, 0
-    for step in range(steps):
-        if events > max_events:
+    for s in range(len(sim.free)):
+        if is_label(sim, sim.free[s]):
+            collisions += begin_substep(sim, sim.free[s], 0.0, max_collisions)
+    while True:
+        label = next_to_end(sim)
+        end = sim.bodies[label].substep_end if label >= 0 else sim.frame.step
+        if sim.counts.queued > 0 and sim.pairs[sim.queue[0]].due < end:
+            collisions += pass_impact(sim, sim.queue[0], max_collisions)
+        elif label >= 0:
+            end_substep(sim, label, end)
+            collisions += begin_substep(sim, label, end, max_collisions)
+        else:
             break
-        end = dt * (step + 1) / steps
-        begin_step(sim, t, end, steps)
-        while t < end and events <= max_events:
-            h = longest_step(sim, end - t)
-            t1 = t + h if h < end - t else end
-            done, more, bounded = advance_step(sim, t, t1, max_collisions - collisions, max_events - events)
-            collisions += done
-            events += more
-            if bounded:
-                flags = FLAG_IMPACT_BOUND
-            t = t1
-    return collisions, flags, t
+    for s in range(len(sim.free)):
+        if is_label(sim, sim.free[s]):
+            end_substep(sim, sim.free[s], sim.frame.step)
+    return collisions
 
 
 @kernel
-def is_put_back(sim: Simulation, body: int) -> bool:
-    """Whether the island of a body goes back to its poses at the frame's start."""
-    return sim.bodies[sim.bodies[body].island].island_put_back == 1
+def substep_count(dt: float) -> int:
+    """Number of equal steps of a frame of `dt` seconds: none is longer than `STEP`, and they are those of its substeps.
+
+    The coupled step divides a frame in up to `MAX_SUBSTEPS` substeps, where driven and simulated bodies may touch.
+    """
+    count = max(1, math.ceil(dt / STEP - STEP_TOLERANCE))
+    if count <= MAX_SUBSTEPS:
+        return count
+    return MAX_SUBSTEPS * math.ceil(dt / MAX_SUBSTEPS / STEP - STEP_TOLERANCE)
+
+
+@kernel
+def advance_frame(sim: Simulation, max_collisions: int) -> tuple[int, int]:
+    """Move the simulated bodies through the frame, in equal steps, as if each were a frame of its own.
+
+    Returns the number of collisions and flags.
+    """
+    steps, collisions, flags = substep_count(sim.frame.dt), 0, 0
+    h = sim.frame.dt / steps
+    for step in range(steps):
+        sim.frame.step = h
+        if step > 0:
+            flags |= go_on(sim, h)
+        if steps > 1:
+            find_pairs(sim, h)
+            wake(sim, True)
+        sum_sleeping_forces(sim, h)
+        collisions += advance_step(sim, max_collisions)
+    for s in range(len(sim.free)):
+        if is_label(sim, sim.free[s]):
+            mark_island(sim, sim.free[s])
+            bounded = sim.counts.changed > 0 and is_bounded(sim, sim.changed[0])
+            if bounded:
+                flags |= FLAG_IMPACT_BOUND
+            if enable_pairs(sim) or bounded:
+                project_or_put_back(sim)
+    return collisions, flags
+
+
+@kernel
+def is_bounded(sim: Simulation, body: int) -> bool:
+    """Whether the island of a body has met a bound on its work in this frame."""
+    return bool(sim.bodies[body].bound in (OUT_OF_COLLISIONS, STOPPED))
 
 
 @kernel
 def enable_pairs(sim: Simulation) -> bool:
-    """Enable all pairs again; returns whether any was disabled."""
+    """Enable the pairs of changed bodies again; returns whether any was disabled."""
     any_disabled = False
-    for k in range(sim.counts.pairs):
-        any_disabled = any_disabled or is_disabled(sim, k)
-        sim.pairs[k].disabled = 0
+    for i in range(sim.counts.concerned):
+        any_disabled = any_disabled or is_disabled(sim, sim.concerned[i])
+        sim.pairs[sim.concerned[i]].disabled = 0
     return any_disabled
 
 
 @noinline
 def project_or_put_back(sim: Simulation) -> None:
-    """Move bodies that overlap one of prescribed motion at the frame's end out of it, or back to their poses at its start.
+    """Move the changed bodies, an island's, that overlap one of prescribed motion at the frame's end out of it, or put them back.
 
     A body pressed from two sides cannot be free where it is; at its pose at the frame's start the driven bodies left it clear.
-    Islands that are still deep in something are put back, all of them or, if that leaves less clearance, none.
+    An island that is still deep in something is put back unless that leaves less clearance.
     """
-    dt, deep = sim.frame.dt, -DEEP * sim.frame.gap
-    mark_all(sim)
-    for s in range(len(sim.free)):
-        sim.motion[sim.free[s]].base_time = dt
-        sim.bodies[sim.free[s]].island_put_back = 0
-    least = project_out_of_overlap(sim, dt)
+    t, deep = sim.frame.step, -DEEP * sim.frame.gap
+    for s in range(sim.counts.changed):
+        sim.motion[sim.changed[s]].base_time = t
+    least = project_out_of_overlap(sim, t)
     if least >= deep:
         return
-    for k in range(sim.counts.contacts):
-        if sim.contacts[k].clearance < deep:
-            sim.bodies[sim.bodies[sim.contacts[k].a].island].island_put_back = 1
-    for s in range(len(sim.free)):
-        if is_put_back(sim, sim.free[s]):
-            put_back(sim, sim.free[s])
-    if build_contacts(sim, dt) < least:
-        for s in range(len(sim.free)):
-            if is_put_back(sim, sim.free[s]):
-                undo_put_back(sim, sim.free[s])
+    for s in range(sim.counts.changed):
+        put_back(sim, sim.changed[s])
+    if build_contacts(sim, t) < least:
+        for s in range(sim.counts.changed):
+            undo_put_back(sim, sim.changed[s])
 
 
 @noinline
@@ -297,7 +418,7 @@ def begin_frame(sim: Simulation, dt: float, gap: float, goes_on: bool) -> bool:
     f.weight = norm(vec_of(sim.gravity))
     f.restitution_threshold = max(MIN_RESTITUTION_THRESHOLD, 2.0 * f.weight * STEP)
     begin(sim, goes_on)
-    find_pairs(sim, 0.0, dt)
+    find_pairs(sim, dt)
     return wake(sim, True)
 
 
@@ -310,7 +431,7 @@ def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[in
     sim
         Written: the end poses and velocities of simulated bodies; `frames` of moving pieces, at the time last posed.
     max_collisions
-        Collisions resolved in the frame at most; beyond, approaching bodies are only stopped.
+        Collisions of an island resolved in the frame at most; beyond, approaching bodies are only stopped.
     any_awake
         What `begin_frame` returned.
 
@@ -322,11 +443,9 @@ def end_frame(sim: Simulation, max_collisions: int, any_awake: bool) -> tuple[in
     """
     collisions, flags = 0, 0
     if any_awake and sim.counts.lost == 0:
-        collisions, flags, t = advance_frame(sim, max_collisions)
-        mark_all(sim)
-        drop_contacts(sim, t)
-        if enable_pairs(sim) or flags != 0:
-            project_or_put_back(sim)
+        collisions, flags = advance_frame(sim, max_collisions)
+    else:
+        sum_sleeping_forces(sim, sim.frame.dt)
     if sim.counts.lost > 0:
         # some pairs or contact points did not fit: nothing may move past them
         flags = FLAG_TABLE_FULL

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geomphys.simulated.frame import begin, mark_all
+from geomphys.simulated.frame import begin
+from geomphys.simulated.islands import mark_activation
 from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import find_pairs
 from geomphys.simulated.sleeping import wake
-from geomphys.simulated.state import Records
+from geomphys.simulated.state import AWAKE, Records
 from geomphys.simulated.update import MIN_RESTITUTION_THRESHOLD, STEP, TOUCH, build_contacts
 from tests.simulated.scenes import Player
 
@@ -32,15 +33,25 @@ class Stage:
         frame["dt"], frame["gap"], frame["touch"] = dt, player.gap, TOUCH * player.gap
         frame["weight"], frame["restitution_threshold"] = weight, max(MIN_RESTITUTION_THRESHOLD, 2.0 * weight * STEP)
         begin(self.sim, False)
-        find_pairs(self.sim, 0.0, dt)
+        find_pairs(self.sim, dt)
         self.any_awake = wake(self.sim, True)
-        mark_all(self.sim)
+        mark_activation(self.sim, AWAKE)
         move_bases(self.sim, 0.0)
         self.build_contacts()
 
     def build_contacts(self) -> float:
         """Contact points of changed bodies; returns the least clearance [m]."""
         return float(build_contacts(self.sim, 0.0))
+
+    def mark(self, *bodies: int) -> None:
+        """Mark bodies, in ascending order, and no others as changed."""
+        sim = self.player.simulation
+        sim.bodies["changed"] = 0
+        sim.bodies["changed"][list(bodies)] = 1
+        sim.changed[: len(bodies)] = bodies
+        concerned = np.flatnonzero(np.isin(self.pairs["body"], bodies).any(axis=1))
+        sim.concerned[: len(concerned)] = concerned
+        sim.counts["changed"], sim.counts["concerned"] = len(bodies), len(concerned)
 
     def call(self, stage: Callable[..., object], *arguments: object) -> object:
         """Call a stage with this state."""

@@ -6,6 +6,7 @@ import pytest
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
+from geomphys.simulated.islands import mark_activation
 from geomphys.simulated.overlap_clearing import clear_overlaps, clear_pair_by_pair, deepest_inside
 from geomphys.simulated.position_projection import LEFT, TOUCHING
 from geomphys.simulated.state import AWAKE, COUPLED
@@ -27,20 +28,20 @@ def test_only_bodies_of_the_given_activation_are_moved(activation: int) -> None:
     stage = sunk(1e-4, 1e-4)
     stage.bodies["activation"][:2] = activation, AWAKE + COUPLED - activation
     velocity = stage.motion["velocity"][0].copy()
-    stage.call(clear_overlaps, 0.0, activation)
+    stage.call(mark_activation, activation)
+    stage.call(clear_overlaps, 0.0, TOUCHING * GAP)
     assert 0.0 <= stage.motion["position"][0, 2] - 0.05 <= GAP
     assert stage.motion["position"][1, 2] == 0.05 - 1e-4
     assert (stage.motion["velocity"][0] == velocity).all()
     assert len(stage.contacts) == 0
 
 
-@pytest.mark.parametrize(("activation", "share"), [(AWAKE, TOUCHING), (COUPLED, LEFT)])
+@pytest.mark.parametrize("share", [TOUCHING, LEFT])
 @pytest.mark.parametrize("over", [0.9, 1.1])
-def test_what_is_within_the_tolerance_stays_where_it_is(activation: int, share: float, over: float) -> None:
+def test_what_is_within_the_tolerance_stays_where_it_is(share: float, over: float) -> None:
     depth = over * share * GAP
     stage = sunk(depth)
-    stage.bodies["activation"][0] = activation
-    stage.call(clear_overlaps, 0.0, activation)
+    stage.call(clear_overlaps, 0.0, share * GAP)
     assert (stage.motion["position"][0, 2] == 0.05 - depth) == (over < 1.0)
 
 
@@ -48,7 +49,7 @@ def test_a_body_is_not_moved_out_of_a_driven_one() -> None:
     ball, link = Thing(shape=Sphere(0.05), at=(0, 0, 0)), Thing(shape=Sphere(0.05), role=s.DRIVEN, at=(0.0999, 0, 0))
     stage = Stage(Player([ball, link], gravity=(0, 0, 0), gap=GAP))
     assert stage.call(deepest_inside, 0.0) < 0.0
-    stage.call(clear_overlaps, 0.0, AWAKE)
+    stage.call(clear_overlaps, 0.0, TOUCHING * GAP)
     assert (stage.motion["position"][0] == 0.0).all()
 
 

@@ -137,8 +137,8 @@ def test_hitting_the_bound_is_told_and_makes_no_momentum() -> None:
 def test_more_slow_landings_than_a_frame_has_room_for_are_told(most: int, told: int) -> None:
     """They are no collisions, but each halts the motion; beyond the bound bodies wait where they are."""
     balls = [
-        Thing(shape=Sphere(0.02), at=(0.05 * (k % 8), 0.05 * (k // 8), 0.02 + 1e-5 + 5e-6 * k), v=(0, 0, -0.03))
-        for k in range(40)
+        Thing(shape=Sphere(0.02), at=(0.041 * (k % 19), 0.041 * (k // 19), 0.02 + 1e-5 + 2e-7 * k), v=(0, 0, -0.03))
+        for k in range(19**2)
     ]
     player = Player([*balls, floor()])
     energy = player.energy()
