@@ -1,8 +1,9 @@
-"""A group of bodies moves as if nothing else were in the scene, bit for bit: whatever is elsewhere, before or after it in the file."""
+"""A group of bodies moves as if nothing else were in the scene, bit for bit, whatever is elsewhere, before or after it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
+from tests.laws.replayed import floor, play, thing, turned
+from tests.laws.test_grasp import CUBE, HALF, Task, frictions
 from tests.simulated.scenes import Player, Thing
 
 AWAY = 10.0  # m
@@ -111,3 +114,82 @@ def test_a_group_placed_elsewhere_moves_the_same_way(group: Callable[[float], li
     here, there = path(group(0.0), [], [], 60.0), path(group(AWAY), [], [], 60.0)
     there[:, :, 0] -= AWAY
     assert np.abs(here - there)[:20].max() < 1e-9
+
+
+def heap_in_a_scene(x: float, names: str, spin: float, v: float = 0.0) -> list[str]:
+    """Three boxes that fall onto each other, in a scene file."""
+    return [
+        thing(
+            f"{names}_{k}",
+            box=(0.06, 0.08, 0.1 - 0.02 * k),
+            position=(x + 0.01 * k, 0.005 * k, 0.1 + 0.13 * k),
+            orientation=turned(0.2 * k, 0.3, 0.4),
+            velocity=(v, 0, 0),
+            angular_velocity=(0.3 * spin, spin, 0.1 * spin),
+        )
+        for k in range(3)
+    ]
+
+
+def balls_in_a_scene() -> list[str]:
+    """Balls that fall onto each other far away."""
+    at = [(AWAY + 0.003 * (k % 3), 0.002 * (k % 2), 0.05 + 0.07 * k) for k in range(6)]
+    return [thing(f"ball_{k}", sphere=0.03, position=p, velocity=(0, 0, -3)) for k, p in enumerate(at)]
+
+
+def jaws_in_a_scene(x: float) -> tuple[list[str], dict[str, Callable[[float], Sequence[float]]]]:
+    """A cube that jaws grip and lift, and where they are recorded."""
+    things, paths = [thing("cube", position=(x, 0, HALF), **CUBE)], {}
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        jaw = Task().jaw(side)
+        things.append(thing(name, "driven", topic=f"/{name}", box=(0.02, 0.06, 0.04), mass=0.4, material="human"))
+        paths[f"/{name}"] = lambda t, jaw=jaw: (jaw(t)[0] + x, *jaw(t)[1:])
+    return things, paths
+
+
+GROUND_FILE = floor(material="metal", box=(100, 20, 0.2))
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 240.0])
+@pytest.mark.parametrize(
+    "others",
+    [lambda: heap_in_a_scene(AWAY, "other", 1.0), lambda: heap_in_a_scene(AWAY, "other", 60.0), balls_in_a_scene],
+    ids=["heap", "spinning", "balls"],
+)
+def test_bodies_elsewhere_change_not_a_bit_of_a_grip(
+    tmp_path: Path, others: Callable[[], list[str]], rate: float
+) -> None:
+    things, paths = jaws_in_a_scene(0.0)
+    orders = ([*things], [*others(), *things], [*things, *others()])
+    runs = [
+        play(tmp_path / str(k), [*order, GROUND_FILE], 1.8, rate, pairs=frictions(0.8), paths=paths)
+        for k, order in enumerate(orders)
+    ]
+    assert runs[0].path("cube")[-1, 2] > HALF + 0.05
+    for run in runs[1:]:
+        for name in ("cube", "left", "right"):
+            np.testing.assert_array_equal(run.path(name), runs[0].path(name))
+
+
+@pytest.mark.parametrize("rate", [8.0, 30.0, 60.0, 90.0])
+def test_a_grip_elsewhere_changes_not_a_bit_of_a_heap(tmp_path: Path, rate: float) -> None:
+    """Frames in which a driven body is near a simulated one are divided; what is simulated elsewhere passes the same steps."""
+    far, paths = jaws_in_a_scene(AWAY)
+    alone = play(tmp_path / "alone", [*heap_in_a_scene(0.0, "box", 5.0), GROUND_FILE], 1.8, rate, pairs=frictions(0.8))
+    for k, before in enumerate((True, False)):
+        heap_of_three = heap_in_a_scene(0.0, "box", 5.0)
+        order = [*far, *heap_of_three] if before else [*heap_of_three, *far]
+        run = play(tmp_path / str(k), [*order, GROUND_FILE], 1.8, rate, pairs=frictions(0.8), paths=paths)
+        assert run.path("cube")[-1, 2] > HALF + 0.05
+        for i in range(3):
+            np.testing.assert_array_equal(run.path(f"box_{i}"), alone.path(f"box_{i}"))
+
+
+@pytest.mark.parametrize("rate", [60.0, 240.0])
+def test_a_grip_placed_elsewhere_holds_the_same_way(tmp_path: Path, rate: float) -> None:
+    runs = []
+    for x in (0.0, AWAY):
+        things, paths = jaws_in_a_scene(x)
+        runs.append(play(tmp_path / str(x), [*things, GROUND_FILE], 1.8, rate, pairs=frictions(0.8), paths=paths))
+    for name in ("cube", "left", "right"):
+        assert np.abs(runs[1].path(name) - runs[0].path(name) - [AWAY, 0, 0, 0, 0, 0, 0]).max() < 1e-9
