@@ -58,7 +58,7 @@ class Config:
     max_iterations: int = 30
     """Passes of a search for a posture. Fewer: faster, but worse corrections where many bodies are in contact."""
     max_impacts: int = 500
-    """Limit on the impacts of the simulated loop in a frame; reaching it is reported."""
+    """Limit on the impacts in a frame of simulated bodies that may touch each other; reaching it is reported."""
 
     def __post_init__(self) -> None:
         """Check ranges; raises ConfigError that names parameter and value."""

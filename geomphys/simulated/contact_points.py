@@ -37,7 +37,7 @@ from geomphys.numerics.vec3 import (
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.motion import point_at
 from geomphys.simulated.state import ACTIVE, Contact, Motion, Simulation, Slot, is_disabled
-from geomphys.simulated.time_of_impact import LOOK_FAR, measure_pair_within
+from geomphys.simulated.time_of_impact import LOOK_FAR, is_apart, measure_pair_within, note_distance
 
 NEAR = 4e-4  # m: contact points with no more clearance are solved
 SAME = 4e-6  # m²: squared distance within which a point continues one of the step before
@@ -219,7 +219,10 @@ def add_contacts_within(sim: Simulation, pair: int, t: float, margin: float) -> 
     The base times of simulated bodies must be `t`.
     """
     p = sim.pairs[pair]
+    if p.point_count == 0 and is_apart(sim, pair, t, margin):
+        return
     s, n, pa, pb = measure_pair_within(sim, pair, t, max(LOOK_FAR, margin))
+    note_distance(sim, pair, t, s)
     if s > margin:
         if p.point_count > 0:
             close_slots(sim, pair, 0)

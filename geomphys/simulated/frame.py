@@ -17,6 +17,7 @@ from geomphys.numerics.row_vectors import (
 )
 from geomphys.numerics.vec3 import (
     add,
+    norm,
     quat_mul,
     quat_rotate,
     sub,
@@ -32,10 +33,12 @@ from geomphys.simulated.state import ASLEEP, AWAKE, BROKEN, Motion, Simulation, 
 
 
 @kernel
-def place(m: Motion, pose: Floats) -> None:
-    """Place the reference point of a simulated body; `pose` (7,) is that of its origin."""
+def set_pose_of(m: Motion, pose: Floats) -> None:
+    """Set reference point and orientation of a simulated body; `pose` (7,) is that of its origin."""
     q = quat_from(pose, 3)
-    set_vec(m.position, add(vec_from(pose, 0), quat_rotate(q, vec_of(m.centre))))
+    p = add(vec_from(pose, 0), quat_rotate(q, vec_of(m.centre)))
+    m.travelled += norm(sub(p, vec_of(m.position))) + 2.0 * m.reach
+    set_vec(m.position, p)
     set_quat(m.orientation, q)
 
 
@@ -50,7 +53,7 @@ def set_free(sim: Simulation, body: int, pose: Floats) -> None:
     for i in range(7):
         same = same and pose[i] == m.reported_pose[i]
     if not same:
-        place(m, pose)
+        set_pose_of(m, pose)
         for i in range(7):
             m.reported_pose[i] = pose[i]
     m.base_time = 0.0
@@ -73,6 +76,9 @@ def set_free(sim: Simulation, body: int, pose: Floats) -> None:
 @kernel
 def begin(sim: Simulation, goes_on: bool) -> None:
     """Set up the motions of simulated bodies, and clear what was summed in the frame, unless it `goes_on`."""
+    for body in range(len(sim.bodies)):
+        sim.bodies[body].changed = 0
+    sim.counts.changed = sim.counts.concerned = 0
     for s in range(len(sim.free)):
         body = sim.bodies[sim.free[s]]
         set_free(sim, sim.free[s], sim.start[sim.free[s]])
@@ -112,7 +118,7 @@ def put_back(sim: Simulation, body: int) -> None:
     m = sim.motion[body]
     set_vec_from(m.saved_pose, 0, vec_of(m.position))
     set_quat_from(m.saved_pose, 3, quat_of(m.orientation))
-    place(m, sim.start[body])
+    set_pose_of(m, sim.start[body])
     set_vec(m.velocity, (0.0, 0.0, 0.0))
     set_vec(m.angular_momentum, (0.0, 0.0, 0.0))
     refresh(m)
@@ -122,6 +128,7 @@ def put_back(sim: Simulation, body: int) -> None:
 def undo_put_back(sim: Simulation, body: int) -> None:
     """Return a body to the pose saved by `put_back`; it stays at rest."""
     m = sim.motion[body]
+    m.travelled += norm(sub(vec_from(m.saved_pose, 0), vec_of(m.position))) + 2.0 * m.reach
     set_vec(m.position, vec_from(m.saved_pose, 0))
     set_quat(m.orientation, quat_from(m.saved_pose, 3))
     refresh(m)
@@ -155,7 +162,7 @@ def finish_body(sim: Simulation, body: int) -> int:
         for i in range(6):
             reported[i] = 0.0
     if broken:
-        place(m, pose)
+        set_pose_of(m, pose)
         sim.bodies[body].bound = BROKEN
     note_rest(sim, body, reported)
     set_vec(m.reported_angular_velocity, vec_from(reported, 3))

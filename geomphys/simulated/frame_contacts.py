@@ -9,6 +9,7 @@ from geomphys.numerics.vec3 import Vec, add, norm, quat_rotate, rotate, sub, uni
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Floats, Pieces
 from geomphys.scene.kinematics import frame_position, frame_rotation
 from geomphys.simulated.state import ASLEEP, Records, Simulation
+from geomphys.simulated.time_of_impact import LOOK_FAR, is_apart, note_distance
 
 
 @kernel
@@ -77,9 +78,12 @@ def deepest_overlap(sim: Simulation, frames: Floats) -> float:
         pair = sim.pairs[k]
         if sim.bodies[pair.body[1]].role == DRIVEN:
             continue
+        if is_apart(sim, k, sim.frame.step, 0.0):
+            continue
         if sim.bodies[pair.body[0]].activation != ASLEEP:
             i, j = pair.piece[0], pair.piece[1]
-            pair.distance = separation(sim.pieces, frames, i, j, 0.0, vec_of(pair.axis), sim.scratch)[0]
+            pair.distance = separation(sim.pieces, frames, i, j, LOOK_FAR, vec_of(pair.axis), sim.scratch)[0]
+            note_distance(sim, k, sim.frame.step, pair.distance)
         deepest = max(deepest, -pair.distance)
     return deepest
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.simulated.contact_points import NEAR
 from geomphys.simulated.state import AWAKE, Simulation, concerns_changed, has_changed, is_disabled, is_simulated
-from geomphys.simulated.time_of_impact import measure_pair
+from geomphys.simulated.time_of_impact import is_apart, measure_pair
 
 
 @kernel
@@ -127,6 +127,8 @@ def are_connected(sim: Simulation, pair: int, t: float) -> bool:
         return False
     if sim.pairs[pair].point_count > 0:
         return True
+    if is_apart(sim, pair, t, NEAR):
+        return False
     if sim.pairs[pair].measured_at != t:
         measure_pair(sim, pair, t)
     return sim.pairs[pair].distance <= NEAR

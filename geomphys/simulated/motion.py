@@ -17,6 +17,7 @@ from geomphys.numerics.row_vectors import (
 from geomphys.numerics.vec3 import (
     Quat,
     Vec,
+    add_scaled,
     norm,
     quat_conjugate,
     quat_from_rotation_vector,
@@ -41,6 +42,12 @@ def point_at(m: Motion, t: float) -> Vec:
 
 
 @kernel
+def velocity_at(m: Motion, t: float) -> Vec:
+    """Velocity of the reference point at time `t` [m/s]."""
+    return add_scaled(vec_of(m.velocity), vec_of(m.acceleration), t - m.base_time)
+
+
+@kernel
 def rotation_at(m: Motion, t: float) -> Vec:
     """Rotation vector [rad] of a body from its base time to time `t` of the frame."""
     h = t - m.base_time
@@ -53,6 +60,14 @@ def rotation_at(m: Motion, t: float) -> Vec:
 def angular_speed_bound(m: Motion) -> float:
     """Bound on the angular speed over the step [rad/s]; `m` is a body's record of `motion`."""
     return norm(vec_of(m.rotation_rate)) + norm(vec_of(m.half_angular_acceleration)) * m.step_duration
+
+
+@kernel
+def travelled_at(m: Motion, t: float) -> float:
+    """How far any surface point of a simulated body may have moved until time `t`, summed [m]: a bound of its path."""
+    h = t - m.base_time
+    speed = norm(vec_of(m.velocity)) + 0.5 * h * norm(vec_of(m.acceleration)) + angular_speed_bound(m) * m.reach
+    return float(m.travelled + h * speed)
 
 
 @kernel
@@ -94,6 +109,7 @@ def move_base(m: Motion, t: float) -> None:
     h = t - m.base_time
     if h != 0.0:
         p, q = point_at(m, t), orientation_at(m, t)
+        m.travelled = travelled_at(m, t)
         m.listed_rotation = m.listed_rotation + norm(rotation_at(m, t))
         set_vec(m.position, p)
         set_quat(m.orientation, q)

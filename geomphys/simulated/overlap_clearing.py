@@ -64,8 +64,10 @@ def clear_pair_by_pair(sim: Simulation, t: float, tolerance: float) -> float:
             a, b = sim.motion[p.body[0]], sim.motion[p.body[1]]
             part_of_a = a.inverse_mass / (a.inverse_mass + b.inverse_mass)
             add_vec(a.position, vec_of(p.axis), part_of_a * (depth + tolerance))
+            a.travelled += depth + tolerance
             if is_simulated(sim, p.body[1]):
                 add_vec(b.position, vec_of(p.axis), (part_of_a - 1.0) * (depth + tolerance))
+                b.travelled += depth + tolerance
     return deepest
 
 

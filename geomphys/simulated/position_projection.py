@@ -9,7 +9,7 @@ import math
 
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import add_vec, quat_of, set_quat, set_vec_from, vec_from
-from geomphys.numerics.vec3 import quat_from_rotation_vector, quat_mul, quat_unit
+from geomphys.numerics.vec3 import norm, quat_from_rotation_vector, quat_mul, quat_unit
 from geomphys.simulated.contact_points import normal_speed
 from geomphys.simulated.impulses import solve_normal
 from geomphys.simulated.motion import refresh
@@ -137,6 +137,7 @@ def project_positions(sim: Simulation, tolerance: float) -> float:
         m, displacement = sim.motion[sim.changed[s]], sim.displacement[sim.changed[s]]
         add_vec(m.position, vec_from(displacement, 0), 1.0)
         rotation = vec_from(displacement, 3)
+        m.travelled += norm(vec_from(displacement, 0)) + norm(rotation) * m.reach
         if rotation[0] != 0.0 or rotation[1] != 0.0 or rotation[2] != 0.0:
             set_quat(m.orientation, quat_unit(quat_mul(quat_from_rotation_vector(rotation), quat_of(m.orientation))))
             refresh(m)

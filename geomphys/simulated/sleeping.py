@@ -21,6 +21,7 @@ REST_SPEED = 1e-6  # m/s, of any point
 REST_ACCELERATION = 1e-3  # m/s²
 SLOW_SPEED = 5e-3  # m/s, of any point: a supported body that moves no faster for
 SLOW_TIME = 1.0  # s is at rest too: this stands in for rolling resistance
+SPEEDING_UP = 1e-3  # m/s: unless it has become faster by as much, as on a slope
 
 
 @kernel
@@ -38,10 +39,11 @@ def note_rest(sim: Simulation, body: int, reported: Floats) -> None:
     m, kind = sim.motion[body], sim.bodies[body]
     fastest = norm(vec_of(m.velocity)) + norm(vec_of(m.angular_velocity)) * m.reach
     borne = kind.touched == 1 and sim.frame.weight > 0.0
-    if fastest < SLOW_SPEED and (borne or kind.activation == ASLEEP):
+    steady = fastest < SLOW_SPEED and fastest < m.slow_from + SPEEDING_UP
+    if steady and (borne or kind.activation == ASLEEP):
         m.slow_time = m.slow_time + sim.frame.step
     else:
-        m.slow_time = 0.0
+        m.slow_time, m.slow_from = 0.0, fastest
     square = 0.0
     for i in range(4):
         change = m.orientation[i] - m.rest_pose[3 + i]

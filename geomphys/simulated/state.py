@@ -40,6 +40,7 @@ MOTION = np.dtype(
         ("listed_range", FLOAT),  # m: how far from `listed_position` the list of pairs is valid
         ("listed_position", FLOAT, 3),  # m: reference point when they were listed
         ("listed_rotation", FLOAT),  # rad: how far it has rotated since then
+        ("travelled", FLOAT),  # m: how far any surface point may have moved until the base time, summed
         ("reach", FLOAT),  # m: no surface point that rotation moves is farther from the reference point
         ("centre", FLOAT, 3),  # m: reference point in the body frame
         ("inertia", FLOAT, 3),  # kg m²: principal moments
@@ -48,6 +49,7 @@ MOTION = np.dtype(
         ("reported_angular_velocity", FLOAT, 3),  # rad/s: angular velocity last written for the caller
         ("quiet_time", FLOAT),  # s: how long it has been at rest
         ("slow_time", FLOAT),  # s: how long it has been slow while supported
+        ("slow_from", FLOAT),  # m/s: how fast it was when that began
         ("saved_pose", FLOAT, 7),  # saved pose: reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
@@ -168,6 +170,8 @@ PAIR = np.dtype(
         ("axis", FLOAT, 3),  # last separating direction
         ("distance", FLOAT),  # m: separation when last measured
         ("measured_at", FLOAT),  # s of the step: when that was, -1: not in this step
+        ("known_distance", FLOAT),  # m: least separation when last measured at the present time of its bodies
+        ("travelled", FLOAT),  # m: sum of that of its bodies then; -inf if b has prescribed motion
         ("due", FLOAT),  # s of the step: its next impact
         ("friction", FLOAT),
         ("restitution", FLOAT),

@@ -21,8 +21,15 @@ from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, sub
-from geomphys.simulated.motion import angular_speed_bound, point_at, pose_piece, rotation_at
-from geomphys.simulated.state import Motion, Simulation
+from geomphys.simulated.motion import (
+    angular_speed_bound,
+    point_at,
+    pose_piece,
+    rotation_at,
+    travelled_at,
+    velocity_at,
+)
+from geomphys.simulated.state import Motion, Simulation, is_simulated
 
 MAX_SPANS = 200
 MAX_TRIES = 60
@@ -56,6 +63,45 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
     p.distance = found[0]
     p.measured_at = t
     return found
+
+
+@kernel
+def note_distance(sim: Simulation, pair: int, t: float, distance: float) -> None:
+    """Store the separation of a pair [m], or a lower bound, at the present time `t`, for `is_apart`."""
+    sim.pairs[pair].known_distance = distance
+    sim.pairs[pair].travelled = travelled_by(sim, pair, t)
+
+
+@kernel
+def travelled_by(sim: Simulation, pair: int, t: float) -> float:
+    """Sum of `travelled_at` of a pair's bodies at time `t` [m]; 0 for one that never moves, -inf if b has prescribed motion."""
+    a, b = sim.pairs[pair].body[0], sim.pairs[pair].body[1]
+    total = travelled_at(sim.motion[a], t)
+    if is_simulated(sim, b):
+        return total + travelled_at(sim.motion[b], t)
+    return -math.inf if sim.bodies[b].moves == 1 else total
+
+
+@kernel
+def is_apart(sim: Simulation, pair: int, t: float, clearance: float) -> bool:
+    """Whether a pair cannot have come as near as a clearance [m] at the present time `t` since its distance was stored."""
+    p = sim.pairs[pair]
+    if not is_simulated(sim, p.body[1]) and sim.bodies[p.body[1]].moves == 1:
+        return False
+    return bool(p.known_distance - (travelled_by(sim, pair, t) - p.travelled) > clearance)
+
+
+@kernel
+def stays_apart(sim: Simulation, pair: int, t0: float, t1: float, clearance: float) -> bool:
+    """Whether a pair cannot come as near as a clearance [m] from time `t0` to `t1`, by bounds of its motion."""
+    p = sim.pairs[pair]
+    if not is_apart(sim, pair, t0, clearance):
+        return False
+    a, b, h = sim.motion[p.body[0]], sim.motion[p.body[1]], t1 - t0
+    v = sub(velocity_at(a, t0), velocity_at(b, t0))
+    path = h * norm(v) + 0.5 * h * h * norm(sub(vec_of(a.acceleration), vec_of(b.acceleration)))
+    swing_a, swing_b = angular_speed_bound(a) * sim.arm[p.piece[0]], angular_speed_bound(b) * sim.arm[p.piece[1]]
+    return is_apart(sim, pair, t0, clearance + path + h * (swing_a + swing_b))
 
 
 @kernel
@@ -187,6 +233,7 @@ def first_touch(sim: Simulation, pair: int, t0: float, t1: float, target: float,
     s, n = cached.distance, vec_of(cached.axis)
     if cached.measured_at != t0:
         s, n, _, _ = measure_pair(sim, pair, t)
+        note_distance(sim, pair, t, s)
     for _ in range(MAX_SPANS):
         if s <= target + slack:
             return t

@@ -32,6 +32,10 @@ CASES = {
 }
 MOTION_CONSTANT = {"inverse_mass", "reach", "centre", "inertia", "principal", "mass"}
 MOTION_STATE = {
+    "position",
+    "orientation",
+    "travelled",
+    "slow_from",
     "angular_momentum",
     "quiet_time",
     "slow_time",
@@ -42,17 +46,22 @@ MOTION_STATE = {
 MOTION_STATE |= {"path_velocity", "path_acceleration", "path_duration"}
 MOTION_STATE |= {"rotation_rate", "half_angular_acceleration", "step_duration"}
 """The last three are those of the last step: where pairs are searched, they bound the rotation until a step is planned."""
-BODY_SCRATCH = {"changed", "island_activation", "island_put_back", "fresh", "touched", "disturbed", "contact_group"}
+BODY_SCRATCH = {"changed", "island_activation", "fresh", "touched", "disturbed", "contact_group"}
 BODY_SCRATCH |= {"island", "contact_count", "contact_end"}
+BODY_SCRATCH |= {"substep_end", "moments", "all_moments", "collisions", "bound"}
 PAIR_SCRATCH = {"encounters", "resting", "queue_index", "hits", "disabled", "measured_at", "due"}
-SLOT_SCRATCH = {"normal_impulse", "friction_impulse", "normal_impulses"}
+SLOT_SCRATCH = {"normal_impulse", "friction_impulse", "normal_impulses", "since", "normal"}
 SIMULATION_SCRATCH = (
     "frame",
     "old_pairs",
     "old_pair_slots",
     "contacts",
     "order",
-    "island_mass",
+    "islands",
+    "members",
+    "island_pairs",
+    "changed",
+    "concerned",
     "energy",
     "queue",
     "found",
@@ -113,7 +122,7 @@ def spoil_simulated(data: ReplayData, scene: Scene) -> None:
     spoil_fields(sim.bodies, BODY_SCRATCH, bodies)
     spoil_fields(sim.pairs, PAIR_SCRATCH)
     spoil_fields(sim.slots, SLOT_SCRATCH)
-    spoil_fields(sim.counts, {"contacts", "queued", "lost", "old_pairs"})
+    spoil_fields(sim.counts, {"contacts", "queued", "lost", "old_pairs", "changed", "concerned"})
     for name in SIMULATION_SCRATCH:
         spoil(getattr(sim, name))
     spoil(sim.old_slots)

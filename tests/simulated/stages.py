@@ -12,7 +12,8 @@ from geomphys.simulated.motion import move_bases
 from geomphys.simulated.pairs import find_pairs
 from geomphys.simulated.sleeping import wake
 from geomphys.simulated.state import AWAKE, Records
-from geomphys.simulated.update import MIN_RESTITUTION_THRESHOLD, STEP, TOUCH, build_contacts
+from geomphys.simulated.substeps import build_contacts
+from geomphys.simulated.update import MIN_RESTITUTION_THRESHOLD, STEP, TOUCH
 from tests.simulated.scenes import Player
 
 

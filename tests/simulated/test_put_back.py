@@ -20,6 +20,7 @@ def moved_to_the_end(*walls: float) -> Stage:
     cubes = [Thing(shape=CUBE, role=s.FIXED, at=(x, 0, 0)) for x in walls]
     stage = Stage(Player([Thing(shape=CUBE, v=(END / STEP, 0, 0)), *cubes], gravity=(0, 0, 0), gap=GAP))
     stage.motion["position"][0] = END, 0, 0
+    stage.motion["travelled"][0] += END
     return stage
 
 

@@ -67,7 +67,7 @@ def test_time_of_slow_motion_counts_while_a_body_is_supported(
     """The top of a throw is slow too, and nothing may fall asleep there."""
     stage = resting()
     m = stage.motion[0]
-    m["velocity"], m["slow_time"] = (speed * SLOW_SPEED, 0.0, 0.0), 1.0
+    m["velocity"], m["slow_time"], m["slow_from"] = (speed * SLOW_SPEED, 0.0, 0.0), 1.0, speed * SLOW_SPEED
     stage.bodies["touched"][0], stage.bodies["activation"][0] = touched, awake
     stage.call(note_rest, 0, np.zeros(6))
     assert m["slow_time"] == pytest.approx(1.0 + stage.dt if counts else 0.0, rel=1e-12)
