@@ -22,8 +22,8 @@ STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
 HEAP = 24  # contacts: groups with more are solved less precisely
-COARSE = 100.0  # times that precision ends their later sweeps: the next step goes on
-HEAP_STILL = 1e-7  # m/s does so too
+COARSE = 300.0  # times that precision ends their later sweeps: the next step goes on
+HEAP_STILL = 1e-6  # m/s does so too: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
 PLAIN = 8  # first sweeps, an even number, without extrapolation
 
 

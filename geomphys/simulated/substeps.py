@@ -13,7 +13,7 @@ from geomphys.numerics.row_vectors import vec_of
 from geomphys.numerics.vec3 import norm
 from geomphys.simulated.collisions import resolve
 from geomphys.simulated.contact_points import add_contacts
-from geomphys.simulated.energy import note_energies, note_new_energies, take_excess
+from geomphys.simulated.energy import energy, note_energies, note_new_energies, take_excess
 from geomphys.simulated.impact_queue import put, take_out
 from geomphys.simulated.impulse_accumulation import drop_contacts
 from geomphys.simulated.islands import is_label, mark_connected, mark_island
@@ -181,7 +181,6 @@ def solve_moment(sim: Simulation, t: float, max_collisions: int) -> int:
         mark_island(sim, label)
         move_bases(sim, t)
         label = merge_islands(sim, t)
-        note_energies(sim)
         if is_stopped(sim):
             stop_island(sim, label, t)
             return done
@@ -248,7 +247,8 @@ def begin_substep(sim: Simulation, label: int, t: float, max_collisions: int) ->
         body.substep_end = t + h if h < left else sim.frame.step
         body.moments = 0
     move_bases(sim, t)
-    note_energies(sim)
+    if t > 0.0:
+        note_energies(sim)
     return solve_moment(sim, t, max_collisions)
 
 
@@ -285,6 +285,7 @@ def advance_step(sim: Simulation, max_collisions: int) -> int:
     for s in range(len(sim.free)):
         body = sim.bodies[sim.free[s]]
         body.substep_end, body.touched = sim.frame.step, 0
+        sim.energy[sim.free[s]] = energy(sim, sim.free[s])
     for k in range(sim.counts.pairs):
         sim.pairs[k].encounters = 0
     for s in range(len(sim.free)):
