@@ -85,20 +85,49 @@ def append_old(sim: Simulation, old: int) -> None:
     """Append a pair of the old list with its cached data."""
     k = sim.counts.pairs
     sim.counts.pairs = k + 1
-    sim.pairs[k] = sim.old_pairs[old]
+    if old >= sim.counts.saved_from:
+        sim.pairs[k] = sim.old_pairs[old]
+        for m in range(4):
+            sim.slots[k, m] = sim.old_pair_slots[old, m]
+    elif old > k:
+        sim.pairs[k] = sim.pairs[old]
+        for m in range(4):
+            sim.slots[k, m] = sim.slots[old, m]
+
+
+@kernel
+def old_pieces(sim: Simulation, old: int) -> tuple[int, int]:
+    """Pieces of a pair of the old list."""
+    p = sim.old_pairs[old] if old >= sim.counts.saved_from else sim.pairs[old]
+    return p.piece[0], p.piece[1]
+
+
+@kernel
+def is_loaded(sim: Simulation, old: int) -> bool:
+    """Whether a pair of the old list has had an impulse in this frame."""
     for m in range(4):
-        sim.slots[k, m] = sim.old_pair_slots[old, m]
+        slot = sim.old_pair_slots[old, m] if old >= sim.counts.saved_from else sim.slots[old, m]
+        if slot.normal_impulse > 0.0:
+            return True
+    return False
 
 
 @kernel
 def skip_old(sim: Simulation, old: int) -> int:
     """Skip a pair of the old list that is no longer near; one with an impulse in this frame stays. Returns the next one."""
-    loaded = False
-    for m in range(4):
-        loaded = loaded or sim.old_pair_slots[old, m].normal_impulse > 0.0
-    if loaded and sim.counts.pairs < len(sim.pairs):
+    if is_loaded(sim, old) and sim.counts.pairs < len(sim.pairs):
         append_old(sim, old)
     return old + 1
+
+
+@kernel
+def save_pairs(sim: Simulation, first: int) -> None:
+    """Copy the pairs of the old list from number `first` on elsewhere, as a new one takes the place of that."""
+    for k in range(first, sim.counts.old_pairs):
+        sim.old_pairs[k] = sim.pairs[k]
+        for m in range(4):
+            sim.old_pair_slots[k, m] = sim.slots[k, m]
+    sim.counts.saved_from = first
 
 
 @kernel
@@ -109,34 +138,23 @@ def add_pair(sim: Simulation, i: int, j: int, a: int, b: int, old: int) -> int:
     """
     count = sim.counts.old_pairs
     while old < count:
-        p = sim.old_pairs[old]
-        if p.piece[0] > i or (p.piece[0] == i and p.piece[1] >= j):
+        x, y = old_pieces(sim, old)
+        if x > i or (x == i and y >= j):
             break
         old = skip_old(sim, old)
     k = sim.counts.pairs
     if k == len(sim.pairs):
         sim.counts.lost += 1
         return old
-    p = sim.old_pairs[old]
-    if old < count and p.piece[0] == i and p.piece[1] == j:
+    if old < count and old_pieces(sim, old) == (i, j):
         append_old(sim, old)
         old += 1
     else:
+        if k == old and old < sim.counts.saved_from:
+            save_pairs(sim, old)
         sim.counts.pairs = k + 1
         new_pair(sim, k, i, j, a, b)
     return old
-
-
-@kernel
-def save_pairs(sim: Simulation) -> None:
-    """Copy the pairs to the old list."""
-    count = sim.counts.pairs
-    for k in range(count):
-        sim.old_pairs[k] = sim.pairs[k]
-        for m in range(4):
-            sim.old_pair_slots[k, m] = sim.slots[k, m]
-    sim.counts.old_pairs = count
-    sim.counts.pairs = 0
 
 
 @kernel
@@ -145,7 +163,8 @@ def list_pairs(sim: Simulation) -> None:
 
     Pairs are sorted by (piece a, piece b). One with an impulse in this frame stays on the list.
     """
-    save_pairs(sim)
+    sim.counts.old_pairs = sim.counts.saved_from = sim.counts.pairs
+    sim.counts.pairs = 0
     old = 0
     for s in range(len(sim.free)):
         a = sim.free[s]

@@ -201,6 +201,7 @@ COUNTS = np.dtype(
     [
         ("pairs", INT),
         ("old_pairs", INT),
+        ("saved_from", INT),  # the old pairs from this one on have been copied to `old_pairs`, the others are in place
         ("contacts", INT),
         ("queued", INT),
         ("lost", INT),  # pairs and contact points beyond the capacity of their table
