@@ -20,7 +20,7 @@ from geomphys.collision.penetration import separate
 from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_of
-from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, sub
+from geomphys.numerics.vec3 import Vec, dot, neg, norm, quat_from_rotation_vector, quat_rotate, scale, sub
 from geomphys.simulated.motion import (
     angular_speed_bound,
     point_at,
@@ -93,15 +93,20 @@ def is_apart(sim: Simulation, pair: int, t: float, clearance: float) -> bool:
 
 @kernel
 def stays_apart(sim: Simulation, pair: int, t0: float, t1: float, clearance: float) -> bool:
-    """Whether a pair cannot come as near as a clearance [m] from time `t0` to `t1`, by bounds of its motion."""
+    """Whether a pair cannot come as near as a clearance [m] from the present time `t0` to `t1`, by bounds of its motion."""
     p = sim.pairs[pair]
-    if not is_apart(sim, pair, t0, clearance):
+    if not is_simulated(sim, p.body[1]) and sim.bodies[p.body[1]].moves == 1:
         return False
     a, b, h = sim.motion[p.body[0]], sim.motion[p.body[1]], t1 - t0
     v = sub(velocity_at(a, t0), velocity_at(b, t0))
-    path = h * norm(v) + 0.5 * h * h * norm(sub(vec_of(a.acceleration), vec_of(b.acceleration)))
-    swing_a, swing_b = angular_speed_bound(a) * sim.arm[p.piece[0]], angular_speed_bound(b) * sim.arm[p.piece[1]]
-    return is_apart(sim, pair, t0, clearance + path + h * (swing_a + swing_b))
+    change = scale(sub(vec_of(a.acceleration), vec_of(b.acceleration)), 0.5 * h * h)
+    swing = h * (angular_speed_bound(a) * sim.arm[p.piece[0]] + angular_speed_bound(b) * sim.arm[p.piece[1]])
+    if p.measured_at == t0:
+        n = vec_of(p.axis)
+        approach = max(0.0, -h * dot(n, v)) + abs(dot(n, change))
+        if p.distance - approach - swing > clearance:
+            return True
+    return is_apart(sim, pair, t0, clearance + h * norm(v) + norm(change) + swing)
 
 
 @kernel
