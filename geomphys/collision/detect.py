@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, Separation, separation
 from geomphys.collision.support import shapes_of
-from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees
+from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, piece_gap
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
-from geomphys.numerics.row_vectors import set_vec, vec_of
+from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_of
 from geomphys.numerics.vec3 import Vec
 from geomphys.scene.arrays import DRIVEN, Pieces, Scene
 
@@ -23,6 +23,9 @@ Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
+BOXES_SUFFICE = (
+    0.5  # of the limit: pairs whose boxes are that far apart are listed with that bound, without a direction
+)
 
 
 PAIR_COUNTS = np.dtype(
@@ -52,10 +55,10 @@ class Near(NamedTuple):
     tree_a: Ints  # (n,)
     tree_b: Ints  # (n,)
     separation: Floats  # (n,) m, > 0: distance; < 0: penetration depth
-    normal: Floats  # (n, 3) unit, out of b into a
+    normal: Floats  # (n, 3) unit, out of b into a; zeros: unknown, the bound is that of boxes
     point_a: Floats  # (n, 3) witness points, world
     point_b: Floats  # (n, 3)
-    exact: Ints  # (n,) 0: `separation` is a lower bound, along `normal`, and the points are undefined
+    exact: Ints  # (n,) 0: `separation` is a lower bound, and the points are undefined
 
 
 CACHED_AXIS = np.dtype(
@@ -158,18 +161,31 @@ def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes)
 
 
 @kernel
-def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation, exact: bool) -> None:
-    """Add a pair to `near`, with its separation or, unless `exact`, a bound on it; counts it as lost where the table is full."""
-    s, n, pa, pb = found
+def append_bound(near: Near, a: int, b: int, tree_a: int, tree_b: int, bound: float, n: Vec) -> None:
+    """Add a pair to `near` that is not measured, with a bound on its separation; counts it as lost where the table is full.
+
+    `n` is the direction along which they are that far apart; zeros: unknown.
+    """
     k = near.counts.filled
     if k == len(near.a):
         near.counts.lost += 1
         return
     near.counts.filled = k + 1
-    near.a[k], near.b[k], near.tree_a[k], near.tree_b[k], near.separation[k] = a, b, tree_a, tree_b, s
-    near.exact[k] = 1 if exact else 0
-    for i in range(3):
-        near.normal[k, i], near.point_a[k, i], near.point_b[k, i] = n[i], pa[i], pb[i]
+    near.a[k], near.b[k], near.tree_a[k], near.tree_b[k] = a, b, tree_a, tree_b
+    near.separation[k], near.exact[k] = bound, 0
+    set_vec_at(near.normal, k, n)
+
+
+@kernel
+def append_pair(near: Near, a: int, b: int, tree_a: int, tree_b: int, found: Separation) -> None:
+    """Add a measured pair to `near`; counts it as lost where the table is full."""
+    s, n, pa, pb = found
+    k = near.counts.filled
+    append_bound(near, a, b, tree_a, tree_b, s, n)
+    if k < len(near.a):
+        near.exact[k] = 1
+        set_vec_at(near.point_a, k, pa)
+        set_vec_at(near.point_b, k, pb)
 
 
 @noinline
@@ -183,7 +199,7 @@ def near_bodies(
     near: Near,
     detection: Detection,
 ) -> None:
-    """Append the pairs of pieces of two bodies within `limit` [m], unless a cached direction separates them farther."""
+    """Append the pairs of pieces of two bodies within `limit` [m], unless boxes or a cached direction separate them farther."""
     boxes, axes = detection.boxes, detection.axes
     tree_a, tree_b = scene.bodies.tree[body_a], scene.bodies.tree[body_b]
     for a in range(scene.bodies.piece_start[body_a], scene.bodies.piece_start[body_a + 1]):
@@ -192,15 +208,21 @@ def near_bodies(
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
             if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
                 continue
+            bound = piece_gap(boxes, a, b)
+            if bound > limit:
+                continue
+            if bound > max(enough, BOXES_SUFFICE * limit):
+                append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
+                continue
             bound, along = separation_bound(scene.pieces, frames, a, b, axes)
             if bound > limit:
                 continue
             if bound >= enough:
-                append_pair(near, a, b, tree_a, tree_b, (bound, along, NOWHERE, NOWHERE), False)
+                append_bound(near, a, b, tree_a, tree_b, bound, along)
                 continue
             found = pair_separation(scene.pieces, frames, a, b, limit, axes, detection.scratch)
             if found[0] <= limit:
-                append_pair(near, a, b, tree_a, tree_b, found, True)
+                append_pair(near, a, b, tree_a, tree_b, found)
 
 
 @kernel
@@ -258,7 +280,7 @@ def find_near(
     margin
         m; pairs farther apart than the bounds of both and `margin` are left out.
     enough
-        m; pairs that a cached direction separates this far are not measured: `separation` and `normal` are that
+        m; pairs that their boxes or a cached direction separate this far are not measured: `separation` and `normal` are that
         bound and direction, `exact` is 0. inf: all are measured.
     near
         The pairs replace the earlier ones; `counts.lost` counts those beyond its capacity.

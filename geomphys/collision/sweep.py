@@ -6,6 +6,7 @@ floor, a wall), which would make every interval long, are listed separately and 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -127,6 +128,17 @@ def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, 
         or low_a[i, 2] > high_b[j, 2] + margin
         or low_b[j, 2] > high_a[i, 2] + margin
     )
+
+
+@kernel
+def piece_gap(boxes: Boxes, a: int, b: int) -> float:
+    """Distance of the boxes of two pieces [m]; 0 where they overlap."""
+    square = 0.0
+    for k in range(3):
+        far = max(boxes.piece_low[a, k] - boxes.piece_high[b, k], boxes.piece_low[b, k] - boxes.piece_high[a, k])
+        if far > 0.0:
+            square += far * far
+    return math.sqrt(square)
 
 
 @kernel

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 
-from geomphys.collision.detect import Near, measure_near
+from geomphys.collision.detect import NOWHERE, Near, append_bound, measure_near
+from geomphys.collision.sweep import piece_gap, update_boxes
 from geomphys.driven.constraints import add_term
 from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, joint_jacobian
@@ -63,6 +64,37 @@ def drop_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
             work.touches[count] = work.touches[i]
             count += 1
     work.counts.touches = count
+
+
+@kernel
+def _is_listed(near: Near, a: int, b: int) -> bool:
+    """Whether the near pairs include pieces a and b."""
+    for k in range(near.counts.filled):  # noqa: SIM110 - no generators in kernels
+        if near.a[k] == a and near.b[k] == b:
+            return True
+    return False
+
+
+@noinline
+def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
+    """Append to the near pairs those of each tip with the body it touched in the recording, within `limit` [m]."""
+    work, near, boxes, first, posed = ws.work, ws.near, ws.detection.boxes, scene.bodies.piece_start, -1
+    for i in range(work.counts.touches):
+        tip, other = work.touches[i].tip, work.touches[i].body
+        tree = scene.bodies.tree[tip]
+        if work.mobility[tree] != GENERAL_MOTION:
+            continue
+        if tree != posed:
+            update_boxes(scene, ws.piece_frames.frames, boxes, tree)
+            posed = tree
+        for body in range(tip, scene.trees.body_start[tree + 1]):
+            if ws.links.weld_body[body] != tip:
+                continue
+            for a in range(first[body], first[body + 1]):
+                for b in range(first[other], first[other + 1]):
+                    gap = piece_gap(boxes, a, b)
+                    if gap <= limit and not _is_listed(near, a, b):
+                        append_bound(near, a, b, tree, scene.bodies.tree[other], gap, NOWHERE)
 
 
 @noinline

@@ -12,7 +12,7 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, number_unknowns
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.qp import solve_quadratic
-from geomphys.driven.starts import JUMP, unwrapped_change
+from geomphys.driven.starts import JUMP, moved_as_recorded, unwrapped_change
 from geomphys.driven.state import (
     GENERAL_MOTION,
     LOCKED,
@@ -22,7 +22,7 @@ from geomphys.driven.state import (
     DrivenState,
     DrivenWorkspace,
 )
-from geomphys.driven.stepping import copy_unlocked, pose_with_pieces, step_to_trial
+from geomphys.driven.stepping import copy_unlocked, is_within, pose_with_pieces, step_to_trial
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import quat_rotate, sub
@@ -67,8 +67,10 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
     copy_tree(scene, state.last, tree, work.iterate)
     for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.iterate.angles[j] = work.extrapolated[j]
-    copy_pose(roots, tree, work.iterate.roots, tree)
+    p, q = moved_as_recorded(state, ws, tree, roots)
+    set_pose(work.iterate.roots, tree, p, q)
     pose_tree(scene, ws.origins, tree, work.iterate.roots, work.iterate.angles, work.iterate.poses)
+    last = 0.0
     for _ in range(FIT_ITERATIONS):
         n = number_unknowns(scene, ws)
         assemble(scene, ws, work.iterate, False)
@@ -78,8 +80,9 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
             break
         far = step_to_trial(scene, ws)
         copy_unlocked(scene, ws, work.trial, work.iterate)
-        if far < FITTED:
+        if is_within(FITTED, far, last):
             break
+        last = far
     copy_tree(scene, work.iterate, tree, goal)
 
 

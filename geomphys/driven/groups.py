@@ -142,7 +142,7 @@ def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: flo
     copy_unlocked(scene, ws, work.start, work.iterate)
     pose_unlocked(scene, ws, work.iterate)
     again = search(scene, ws, angles, gap, MAX_ITERATIONS, True, tethered, STRAIGHT)
-    return Found(again.free, found.iterations + again.iterations, again.converged, again.cost, again.rate_limited)
+    return Found(again.free, found.iterations + again.iterations, again.converged, again.rate_limited)
 
 
 @noinline
@@ -154,7 +154,7 @@ def _attempt(
     chosen = choose_start(scene, state, ws, roots, angles)
     if chosen < 0:
         if not translated:
-            return Found(False, 0, False, math.inf, False)
+            return Found(False, 0, False, False)
         choose_shallowest(scene, state, ws, roots, angles)
         pose_unlocked(scene, ws, work.iterate)
         relaxed = search(scene, ws, angles, gap, TRANSLATION_ITERATIONS, False, False, ANY_PATH)
@@ -164,11 +164,11 @@ def _attempt(
         copy_unlocked(scene, ws, work.best, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
         if judge(scene, ws, work.iterate) != FREE:
-            return Found(False, iterations, False, math.inf, False)
+            return Found(False, iterations, False, False)
     if chosen >= ALONG:
         shorten_start(scene, state, ws, roots, angles)
     found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
-    return Found(found.free, found.iterations + iterations, found.converged, found.cost, found.rate_limited)
+    return Found(found.free, found.iterations + iterations, found.converged, found.rate_limited)
 
 
 @noinline
@@ -303,7 +303,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             set_final_posture(scene, state, ws, tree, work.goal)
     if not overlaps:
         return Outcome(0, 0, True, False)
-    found = Found(False, 0, False, math.inf, False)
+    found = Found(False, 0, False, False)
     for general_motion in (False, True):
         translated = choose_mobility(scene, state, ws, 0, general_motion)
         if general_motion and not translated and found.free:

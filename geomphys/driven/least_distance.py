@@ -32,12 +32,12 @@ class LeastDistance(NamedTuple):
     rows: Floats  # (m, n) C, rows need not have unit length
     rhs: Floats  # (m,) d
     x: Floats  # (n,) the goal on entry, the solution on return
-    basis: Floats  # (n, n) orthonormal; its first k columns span the active rows
+    basis: Floats  # (n, n) its first k rows are orthonormal and span the active rows
     triangle: Floats  # (n, n) upper triangular k x k
     active: Ints  # (n,) rows that hold with equality
     multiplier: Floats  # (n + 1,) of the active rows, >= 0
-    projected: Floats  # (n,) basis' C_p
-    primal_step: Floats  # (n,)
+    projected: Floats  # (n,) basis C_p
+    primal_step: Floats  # (n,) C_p less its part in the span of the active rows
     dual_step: Floats  # (n,)
     is_active: Ints  # (m,)
 
@@ -61,15 +61,35 @@ def make_least_distance(unknowns: int, rows: int) -> LeastDistance:
 
 
 @kernel
+def dot_of(a: Floats, b: Floats, n: int) -> float:
+    """Dot product of the first `n` numbers of two arrays, in four sums that do not wait for each other."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+    whole = n - n % 4
+    for k in range(0, whole, 4):
+        s0 += a[k] * b[k]
+        s1 += a[k + 1] * b[k + 1]
+        s2 += a[k + 2] * b[k + 2]
+        s3 += a[k + 3] * b[k + 3]
+    for k in range(whole, n):
+        s0 += a[k] * b[k]
+    return (s0 + s1) + (s2 + s3)
+
+
+@kernel
+def add_multiple(a: Floats, b: Floats, n: int, factor: float) -> None:
+    """Add `factor` times the first `n` numbers of `b` to those of `a`."""
+    for k in range(n):
+        a[k] += factor * b[k]
+
+
+@kernel
 def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
     """The row that is violated most, relative to its length; -1 if all are satisfied within `tolerance`."""
     worst, row = -tolerance, -1
     for i in range(m):
         if p.is_active[i] == 1:
             continue
-        value = -p.rhs[i]
-        for k in range(n):
-            value += p.rows[i, k] * p.x[k]
+        value = dot_of(p.rows[i], p.x, n) - p.rhs[i]
         if value < worst:
             worst, row = value, i
     return row
@@ -77,50 +97,47 @@ def _most_violated(p: LeastDistance, n: int, m: int, tolerance: float) -> int:
 
 @kernel
 def _project(p: LeastDistance, n: int, active_count: int, row: int) -> float:
-    """Split row `row` into its parts in (`dual_step`: R⁻¹ d) and off (`primal_step`) the active rows; returns |off|²."""
-    for j in range(n):
-        value = 0.0
-        for k in range(n):
-            value += p.basis[k, j] * p.rows[row, k]
-        p.projected[j] = value
-    free = 0.0
-    for j in range(active_count, n):
-        free += p.projected[j] * p.projected[j]
+    """Split row `row` into its parts in (`dual_step`: R⁻¹ d) and off (`primal_step`) the active rows; returns |off|².
+
+    By Gram and Schmidt, twice: what rounding leaves of the active rows in the second part goes too.
+    """
+    off = p.primal_step
     for k in range(n):
-        value = 0.0
-        for j in range(active_count, n):
-            value += p.basis[k, j] * p.projected[j]
-        p.primal_step[k] = value
+        off[k] = p.rows[row, k]
+    for j in range(active_count):
+        p.projected[j] = 0.0
+    for _ in range(2):
+        for j in range(active_count):
+            along = dot_of(p.basis[j], off, n)
+            p.projected[j] += along
+            add_multiple(off, p.basis[j], n, -along)
     for i in range(active_count - 1, -1, -1):
         value = p.projected[i]
         for j in range(i + 1, active_count):
             value -= p.triangle[i, j] * p.dual_step[j]
         p.dual_step[i] = value / p.triangle[i, i]
-    return free
+    return dot_of(off, off, n)
 
 
 @kernel
-def _rotate_columns(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
-    """Apply the Givens rotation (c, s) to columns i and j of `a`."""
+def _rotate_rows(a: Floats, n: int, i: int, j: int, c: float, s: float) -> None:
+    """Apply the Givens rotation (c, s) to rows i and j of `a`."""
+    one, other = a[i], a[j]
     for k in range(n):
-        u, v = a[k, i], a[k, j]
-        a[k, i] = c * u + s * v
-        a[k, j] = c * v - s * u
+        u, v = one[k], other[k]
+        one[k] = c * u + s * v
+        other[k] = c * v - s * u
 
 
 @kernel
-def _add(p: LeastDistance, n: int, active_count: int, row: int) -> int:
-    """Make `row` active: rotate the free part of its projection onto one basis column."""
-    for j in range(n - 1, active_count, -1):
-        u, v = p.projected[j - 1], p.projected[j]
-        length = math.hypot(u, v)
-        if v == 0.0 or length == 0.0:
-            continue
-        c, s = u / length, v / length
-        p.projected[j - 1], p.projected[j] = length, 0.0
-        _rotate_columns(p.basis, n, j - 1, j, c, s)
-    for i in range(active_count + 1):
+def _add(p: LeastDistance, n: int, active_count: int, row: int, free: float) -> int:
+    """Make `row` active: its part off the active rows, whose square is `free`, becomes the next of the basis."""
+    length = math.sqrt(free)
+    for k in range(n):
+        p.basis[active_count, k] = p.primal_step[k] / length
+    for i in range(active_count):
         p.triangle[i, active_count] = p.projected[i]
+    p.triangle[active_count, active_count] = length
     p.active[active_count] = row
     p.is_active[row] = 1
     return active_count + 1
@@ -131,7 +148,7 @@ def _drop(p: LeastDistance, n: int, active_count: int, index: int) -> int:
     """Drop the active row at `index` and restore the triangular form."""
     p.is_active[p.active[index]] = 0
     for j in range(index + 1, active_count):
-        for i in range(active_count):
+        for i in range(j + 1):
             p.triangle[i, j - 1] = p.triangle[i, j]
         p.active[j - 1] = p.active[j]
         p.multiplier[j - 1] = p.multiplier[j]
@@ -147,16 +164,13 @@ def _drop(p: LeastDistance, n: int, active_count: int, index: int) -> int:
             a, b = p.triangle[j, k], p.triangle[j + 1, k]
             p.triangle[j, k] = c * a + s * b
             p.triangle[j + 1, k] = c * b - s * a
-        _rotate_columns(p.basis, n, j, j + 1, c, s)
+        _rotate_rows(p.basis, n, j, j + 1, c, s)
     return active_count
 
 
 @kernel
-def begin_least_distance(p: LeastDistance, n: int, m: int) -> None:
+def begin_least_distance(p: LeastDistance, m: int) -> None:
     """Clear the active rows."""
-    for i in range(n):
-        for j in range(n):
-            p.basis[i, j] = 1.0 if i == j else 0.0
     for i in range(m):
         p.is_active[i] = 0
 
@@ -195,22 +209,18 @@ def satisfy_rows(p: LeastDistance, n: int, m: int, tolerance: float, active_coun
                     if ratio < longest:
                         longest, leaving = ratio, j
             full = math.inf
-            if free > PARALLEL:
-                slack = -p.rhs[row]
-                for k in range(n):
-                    slack += p.rows[row, k] * p.x[k]
-                full = max(-slack / free, 0.0)
+            if active_count < n and free > PARALLEL:
+                full = max((p.rhs[row] - dot_of(p.rows[row], p.x, n)) / free, 0.0)
             length = min(longest, full)
             if length == math.inf:
                 return INFEASIBLE, active_count
             if full < math.inf:
-                for k in range(n):
-                    p.x[k] += length * p.primal_step[k]
+                add_multiple(p.x, p.primal_step, n, length)
             for j in range(active_count):
                 p.multiplier[j] -= length * p.dual_step[j]
             p.multiplier[active_count] += length
             if full <= longest:
-                active_count = _add(p, n, active_count, row)
+                active_count = _add(p, n, active_count, row, free)
                 break
             active_count = _drop(p, n, active_count, leaving)
     return INFEASIBLE, active_count

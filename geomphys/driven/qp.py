@@ -2,9 +2,11 @@
 
     minimise ½ x'Hx + g'x  subject to  C x >= d,  low <= x <= high
 
-With H = L L' and y = L'x this is the nearest point to -L⁻¹g within half-spaces, which the dual method of Goldfarb and Idnani
-finds (`least_distance`). Bounds low and high are made rows only once they are violated: the method continues from its present
-solution. `LeastDistance.rhs` are the right-hand sides d.
+With H = L'L and y = L x this is the nearest point to -L'⁻¹g within half-spaces, which the dual method of Goldfarb and Idnani
+finds (`least_distance`). Unknowns are eliminated from the last to the first, from the tips of chains to their root, so L is
+zero where H is between joints of different chains (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). Bounds low
+and high are made rows only once they are violated: the method continues from its present solution. `LeastDistance.rhs` are the
+right-hand sides d.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from geomphys.driven.least_distance import (
     INFEASIBLE,
     SOLVED,
     LeastDistance,
-    begin_least_distance,
+    add_multiple,
+    dot_of,
     make_least_distance,
     satisfy_rows,
 )
@@ -47,7 +50,7 @@ class Quadratic(NamedTuple):
 
     hessian: Floats  # (n, n)
     gradient: Floats  # (n,)
-    factor: Floats  # (n, n) lower triangular
+    factor: Floats  # (n, n) L, lower triangular
     low: Floats  # (n,)
     high: Floats  # (n,)
     x: Floats  # (n,) the solution
@@ -83,38 +86,37 @@ def has_row(p: Quadratic, m: int) -> bool:
 @noinline
 def _factorise(p: Quadratic, n: int) -> bool:
     """Cholesky factor of the Hessian; False if it is not positive definite."""
-    h, f = p.hessian, p.factor
+    f = p.factor
     for i in range(n):
         for j in range(i + 1):
-            value = h[i, j]
-            for k in range(j):
-                value -= f[i, k] * f[j, k]
-            if i == j:
-                if value <= 0.0:
-                    return False
-                f[i, i] = math.sqrt(value)
-            else:
-                f[i, j] = value / f[j, j]
+            f[i, j] = p.hessian[i, j]
+    for k in range(n - 1, -1, -1):
+        row = f[k]
+        if not row[k] > 0.0:
+            return False
+        row[k] = math.sqrt(row[k])
+        for j in range(k):
+            row[j] /= row[k]
+        for i in range(k):
+            if row[i] != 0.0:
+                add_multiple(f[i], row, i + 1, -row[i])
     return True
 
 
 @kernel
-def _to_metric(p: Quadratic, n: int, first: int, row: Floats) -> None:
-    """Replace a row by L⁻¹ row; its first `first` numbers are zero."""
-    for i in range(first, n):
-        value = row[i]
-        for k in range(first, i):
-            value -= p.factor[i, k] * row[k]
-        row[i] = value / p.factor[i, i]
+def _to_metric(p: Quadratic, n: int, row: Floats) -> None:
+    """Replace a row by L'⁻¹ row; its numbers from the `n`-th on are zero."""
+    for i in range(n - 1, -1, -1):
+        if row[i] != 0.0:
+            row[i] /= p.factor[i, i]
+            add_multiple(row, p.factor[i], i, -row[i])
 
 
 @kernel
 def _normalise(p: Quadratic, n: int, i: int) -> bool:
     """Make row i one of unit length; False if no unknown can satisfy it."""
-    row, square = p.least.rows[i], 0.0
-    for k in range(n):
-        square += row[k] * row[k]
-    length = math.sqrt(square)
+    row = p.least.rows[i]
+    length = math.sqrt(dot_of(row, row, n))
     if length < WEAK:
         lacks = p.least.rhs[i] > 0.0
         for k in range(n):
@@ -129,13 +131,9 @@ def _normalise(p: Quadratic, n: int, i: int) -> bool:
 
 @kernel
 def _read_solution(p: Quadratic, n: int) -> None:
-    """Solution x = L'⁻¹ y."""
-    y = p.least.x
-    for i in range(n - 1, -1, -1):
-        value = y[i]
-        for k in range(i + 1, n):
-            value -= p.factor[k, i] * p.x[k]
-        p.x[i] = value / p.factor[i, i]
+    """Solution x = L⁻¹ y."""
+    for i in range(n):
+        p.x[i] = (p.least.x[i] - dot_of(p.factor[i], p.x, i)) / p.factor[i, i]
 
 
 @kernel
@@ -158,7 +156,7 @@ def _add_bounds(p: Quadratic, n: int, m: int) -> int:
         row[j] = sign
         p.least.rhs[m] = limit
         p.least.is_active[m] = 0
-        _to_metric(p, n, j, row)
+        _to_metric(p, j + 1, row)
         _normalise(p, n, m)
         m += 1
     return m
@@ -180,7 +178,7 @@ def resume_quadratic(p: Quadratic, n: int, first: int, m: int, active_count: int
     status = SOLVED
     for i in range(first, m):
         p.least.is_active[i] = 0
-        _to_metric(p, n, 0, p.least.rows[i])
+        _to_metric(p, n, p.least.rows[i])
         if not _normalise(p, n, i):
             status = INFEASIBLE
     for _ in range(2 * n + 2):
@@ -207,6 +205,5 @@ def solve_quadratic(p: Quadratic, n: int, m: int) -> tuple[int, int, int]:
         return INFEASIBLE, m, 0
     for k in range(n):
         p.least.x[k] = -p.gradient[k]
-    _to_metric(p, n, 0, p.least.x)
-    begin_least_distance(p.least, n, 0)
+    _to_metric(p, n, p.least.x)
     return resume_quadratic(p, n, 0, m, 0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import (
     NOWHERE,
     Records,
-    append_pair,
+    append_bound,
     find_near,
     measure_near,
     pair_separation,
@@ -105,12 +105,15 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
 def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
     """Whether near pair k, separated at `posture`, got there from the start of the step without passing through."""
     near, work = ws.near, ws.work
-    a, b, s = near.a[k], near.b[k], near.separation[k]
+    a, b, s, n = near.a[k], near.b[k], near.separation[k], vec_at(near.normal, k)
     if s > _motion_of(scene, ws, a) + _motion_of(scene, ws, b):
         return True
     motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
-    if s > motion or is_separated_on_path(
-        scene, work.before.poses, posture.poses, a, b, vec_at(near.normal, k), motion, ws.piece_frames.moved
+    if s <= motion and n == NOWHERE:
+        s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
+    if s > motion or (
+        s >= 0.0
+        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, motion, ws.piece_frames.moved)
     ):
         return True
     return path_is_free(
@@ -197,7 +200,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
             s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if s > limit:
             continue
-        append_pair(near, a, b, listed.tree_a[k], listed.tree_b[k], (s, n, NOWHERE, NOWHERE), False)
+        append_bound(near, a, b, listed.tree_a[k], listed.tree_b[k], s, n)
         last = near.counts.filled - 1
         if s < enough:
             s = measure_near(

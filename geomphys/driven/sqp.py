@@ -2,7 +2,8 @@
 
 Each pass solves the problem linearised about the iterate and takes the step, or a part of it: as far as no pair overlaps
 more than is tolerated and the path of every pair is certified (`advancement`). The trust region starts at 10 mm, grows
-when it is reached, and is halved only when the step reverses or had to be shortened.
+when it is reached, and is halved only when the step reverses or had to be shortened. Passes converge linearly, as the curvature
+of constraints is not in the problem; where they do so slowly, steps are extrapolated to the limit of their geometric series.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import measure_near, pair_separation
+from geomphys.collision.detect import measure_near, pair_separation, separation_bound
 from geomphys.collision.support import pose_piece
 from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
@@ -26,7 +27,7 @@ from geomphys.driven.constraints import (
     request_pairs_in_contact,
     row_limit,
 )
-from geomphys.driven.contacts_kept import add_touches, measure_touches, set_touch_goals
+from geomphys.driven.contacts_kept import add_touches, list_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture
@@ -36,13 +37,14 @@ from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, TRANSLATION, Driven
 from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
+    compare_steps,
     copy_unlocked,
     gap_along_normal,
+    is_within,
     measure_motion,
     measure_near_pairs,
     motion_of,
     pose_unlocked_pieces,
-    reverses,
     step_length_within_rate,
     update_separations,
 )
@@ -62,10 +64,19 @@ MAX_RADIUS = 0.03  # m: later trust radii, at most
 HALVINGS = 6  # tries of a step, each half as long
 MARGIN = 2e-3  # m: extra distance of the search for pairs, so that their list serves more iterations
 ATTRACTION_DISTANCE = 0.02  # m: distance up to which fingertips are moved to what they touched in the recording
+TOUCH_MARGIN = 5e-3  # m: extra distance of the search for those
 ROUNDS = 12  # rounds of added rows in an iteration
 CONVERGED_MOTION = 2e-6  # m: an iteration with less motion ends the search
 CONVERGED_TRANSLATION = 1e-8  # m: the same where trees are only translated
-NEARLY_CONVERGED_MOTION = 5e-5  # m: the same after `PATIENCE` iterations, unless trees are only translated
+NEARLY_CONVERGED_MOTION = 5e-5  # m: the same for an extrapolated step or
+SETTLED = 4  # after so many iterations, unless trees are only translated
+REVERSED = -0.3  # cosine of a step and the last one: it goes back
+EXTRAPOLATED_MOTION = 5e-4  # m: where a step was shorter, the next one may be extrapolated:
+ALIGNED, SLOW, MAX_RATE = (
+    0.95,
+    0.25,
+    0.75,
+)  # by their ratio, up to `MAX_RATE`, if it is `SLOW` and the cosine `ALIGNED`, or more
 PATIENCE = 6  # iterations of the least trust radius without a gain end the search
 RELATIVE_GAIN = 0.999  # an iteration gains if the objective ends below this times its least so far
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification
@@ -77,7 +88,6 @@ class Found(NamedTuple):
     free: bool  # whether a free posture was found
     iterations: int
     converged: bool
-    cost: float
     rate_limited: bool  # stopped by the rate limit
 
 
@@ -162,6 +172,11 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
             continue
         gap_at_trial = gap_along_normal(scene, ws, k, motion)
         if gap_at_trial >= 0.25 * gap:
+            continue
+        bound, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
+        if bound >= 0.25 * gap and is_separated_on_path(
+            scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
+        ):
             continue
         trial_separation, n, _, _ = pair_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
@@ -284,42 +299,46 @@ def search(
     """
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
-    found, converged, rate_limited, done, is_solved = False, False, False, False, True
-    only_translations, iteration, idle, listed = _only_translations(ws), 0, 0, 0.0
+    found, converged, rate_limited, is_solved = False, False, False, True
+    only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
+    last_far, stretched = 0.0, False
     clear_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
     for i in range(len(ws.problem.last_step)):
         ws.problem.last_step[i] = 0.0
     while True:
         limit, attracted = row_limit(trust_radius), keep_contacts and not rate_limited and work.counts.touches > 0
-        reach = max(limit, ATTRACTION_DISTANCE) if attracted else limit
-        if listed >= reach:
+        if listed >= limit and (listed_touches >= ATTRACTION_DISTANCE or not attracted):
             least = update_separations(scene, ws, limit, CONTACT_DISTANCE)
         else:
-            listed, known, least = reach + MARGIN, False, 0.0
+            listed, known, least = limit + MARGIN, False, 0.0
             if iteration == 0:
                 known, least = measure_listed_pairs(scene, ws, listed, CONTACT_DISTANCE)
             if not known:
                 least = measure_near_pairs(scene, ws, listed, CONTACT_DISTANCE)
+            if attracted:
+                listed_touches = ATTRACTION_DISTANCE + TOUCH_MARGIN
+                list_touches(scene, ws, listed_touches)
         if attracted:
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
             if iteration == 0:
                 set_touch_goals(scene, ws)
-        if done:
-            cost = _assemble_objective(scene, ws, attracted, relaxed or rate_limited)[1]
-        else:
-            cost, is_solved = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
+        cost, is_solved = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
         idle = idle + 1 if least >= 0.0 and cost > RELATIVE_GAIN * best else 0
-        if least >= 0.0 and (cost < best or done or rate_limited):
+        if least >= 0.0 and (cost < best or rate_limited):
             found, best = True, cost
             copy_unlocked(scene, ws, work.iterate, work.best)
-        if done or not is_solved or iteration == min(iterations, work.iterations):
+        if not is_solved or iteration == min(iterations, work.iterations):
             break
         if idle >= PATIENCE and trust_radius == MIN_RADIUS:
             converged = True
             break
         iteration += 1
         step_length, safe, trial_separation, far, stopped = 1.0, False, 0.0, 0.0, False
+        cosine, rate = compare_steps(scene, ws)
+        converges_slowly = last_far < EXTRAPOLATED_MOTION and cosine > ALIGNED and rate > SLOW
+        if converges_slowly and not (stretched or only_translations or relaxed or rate_limited):
+            step_length = 1.0 / (1.0 - min(rate, MAX_RATE))
         for _ in range(HALVINGS):
             apply_solution(scene, ws, step_length)
             far = measure_motion(scene, ws, work.iterate, work.trial)
@@ -340,20 +359,27 @@ def search(
         if not safe:
             converged = least >= 0.0
             break
-        listed -= far
-        reversed_step = reverses(scene, ws, step_length)
+        listed, listed_touches = listed - far, listed_touches - far
         copy_unlocked(scene, ws, work.trial, work.iterate)
         if stopped:
             rate_limited = True
             _set_targets_to(scene, ws, work.iterate)
-        if (step_length < 1.0 and not stopped) or reversed_step:
+        if (step_length < 1.0 and not stopped) or cosine < REVERSED:
             trust_radius = max(0.5 * trust_radius, MIN_RADIUS)
         elif far > 0.5 * trust_radius:
             trust_radius = min(1.5 * trust_radius, MAX_RADIUS)
-        has_converged = far < (CONVERGED_TRANSLATION if only_translations else CONVERGED_MOTION) or (
-            iteration >= PATIENCE and far < NEARLY_CONVERGED_MOTION and not only_translations
-        )
+        stretched = step_length > 1.0
+        if only_translations:
+            has_converged = far < CONVERGED_TRANSLATION
+        else:
+            nearly = far < NEARLY_CONVERGED_MOTION * max(step_length, 1.0)
+            has_converged = is_within(CONVERGED_MOTION, far, last_far) or (
+                nearly and (stretched or iteration >= SETTLED)
+            )
+        last_far = 0.0 if stretched else far
         if trial_separation >= 0.0 and (has_converged or rate_limited):
-            converged, done = True, True
+            found, converged = True, True
+            copy_unlocked(scene, ws, work.iterate, work.best)
+            break
     _copy_targets(scene, ws, work.cached_target, work.target)
-    return Found(found, iteration, converged, best, rate_limited)
+    return Found(found, iteration, converged, rate_limited)

@@ -17,13 +17,25 @@ from geomphys.driven.reachability import FREE, find_reference_bodies, judge, mea
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.vec3 import add, add_scaled, quat_conjugate, quat_mul, quat_rotate, quat_unit, slerp, sub
+from geomphys.numerics.vec3 import (
+    Quat,
+    Vec,
+    add,
+    add_scaled,
+    quat_conjugate,
+    quat_mul,
+    quat_rotate,
+    quat_unit,
+    slerp,
+    sub,
+)
 from geomphys.scene.arrays import Scene
 from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
 BISECTIONS = 6
+CLEARLY = 10.0  # times: a start with so much less cost than the last posture is taken at once
 JUMP = 0.5  # rad or m: an angle recorded to change more in a step has changed its branch
 
 # kinds of starts; ALONG + i: along with the i-th moving body near it
@@ -54,6 +66,16 @@ def _keep_pivot(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: int) 
         posture.roots[tree, i] += path[i]
 
 
+@kernel
+def moved_as_recorded(state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats) -> tuple[Vec, Quat]:
+    """The root's pose at the start of the step, moved as the recording moved it: (position, orientation)."""
+    p, q, old = position_of(roots, tree), orientation_of(roots, tree), state.recorded.roots
+    rotation = quat_mul(q, quat_conjugate(orientation_of(old, tree)))
+    arm = sub(position_of(ws.work.before.roots, tree), position_of(old, tree))
+    orientation = quat_unit(quat_mul(rotation, orientation_of(ws.work.before.roots, tree)))
+    return add(p, quat_rotate(rotation, arm)), orientation
+
+
 @noinline
 def _make_start(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats, kind: int
@@ -74,15 +96,8 @@ def _make_start(
             return True
         _keep_pivot(scene, ws, start, tree)
     elif kind in (EXTRAPOLATED, LAST_SHAPE):
-        old = orientation_of(state.recorded.roots, tree)
-        rotation = quat_mul(q, quat_conjugate(old))
-        arm = sub(position_of(before.roots, tree), position_of(state.recorded.roots, tree))
-        set_pose(
-            start.roots,
-            tree,
-            add(p, quat_rotate(rotation, arm)),
-            quat_unit(quat_mul(rotation, orientation_of(before.roots, tree))),
-        )
+        p, q = moved_as_recorded(state, ws, tree, roots)
+        set_pose(start.roots, tree, p, q)
     else:
         set_pose(start.roots, tree, position_of(before.roots, tree), orientation_of(before.roots, tree))
     if kind < ALONG:
@@ -139,6 +154,8 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
         cost = _cost(scene, ws, work.start)
+        if kind == LAST and cost > CLEARLY * best:  # nor is one along with a body much better then
+            break
         if cost >= best and kind != LAST:
             continue
         verdict = judge(scene, ws, work.start)

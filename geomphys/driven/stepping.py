@@ -7,9 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near, measure_near, separation_bound, set_motion_bound
+from geomphys.collision.detect import (
+    NOWHERE,
+    find_near,
+    measure_near,
+    separation_bound,
+    set_motion_bound,
+)
 from geomphys.collision.extent import gap_along
-from geomphys.collision.support import shapes_of
+from geomphys.collision.support import pose_piece, shapes_of
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, path_tolerance, rotation_between
 from geomphys.driven.constraints import is_unlocked_pair
@@ -17,7 +23,7 @@ from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import vec_at
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import (
     add,
     dot,
@@ -35,7 +41,6 @@ from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_
 Floats = NDArray[np.float64]
 
 SHALLOW = 2e-4  # m: overlap that iterates may have, if it is no more than `path_tolerance`
-REVERSED = -0.3  # cosine
 
 
 @kernel
@@ -185,9 +190,35 @@ def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
 
 
 @kernel
+def is_within(distance: float, step: float, last_step: float) -> bool:
+    """Whether iterations that converge linearly, with these steps [m] at the end, are within `distance` [m] of their limit.
+
+    `last_step` 0: there was none, or it tells nothing.
+    """
+    return step < distance or step * step < distance * (last_step - step)
+
+
+@kernel
 def allowed_depth(scene: Scene, a: int, b: int) -> float:
     """Depth [m] at which two pieces may overlap at an iterate."""
     return min(SHALLOW, 0.5 * path_tolerance(scene, a, b))
+
+
+@noinline
+def _find_direction(scene: Scene, ws: DrivenWorkspace, k: int) -> bool:
+    """Take the cached direction of near pair k, if it separates the pair at the iterate; whether it does.
+
+    Pieces are posed at the trial.
+    """
+    near, moved = ws.near, ws.piece_frames.moved
+    pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.a[k])
+    pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.b[k])
+    s, n = separation_bound(scene.pieces, moved, near.a[k], near.b[k], ws.detection.axes)
+    if s <= 0.0:
+        return False
+    near.separation[k] = max(near.separation[k], s)
+    set_vec_at(near.normal, k, n)
+    return True
 
 
 @noinline
@@ -195,7 +226,7 @@ def gap_along_normal(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -
     """Gap [m] at the trial along the direction that separates near pair k at the iterate; the pair moves `motion` [m].
 
     Above minus `path_tolerance`, that direction separates the pair on the whole path; -inf where
-    rotation is too large to tell.
+    rotation is too large to tell, or none is known.
     """
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
@@ -203,6 +234,8 @@ def gap_along_normal(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -
         work.iterate.poses, work.trial.poses, body_b
     )
     if rotation * motion > path_tolerance(scene, a, b):
+        return -math.inf
+    if vec_at(ws.near.normal, k) == NOWHERE and not _find_direction(scene, ws, k):
         return -math.inf
     return gap_along(shapes_of(scene.pieces, ws.piece_frames.frames), a, b, vec_at(ws.near.normal, k))
 
@@ -248,8 +281,11 @@ def step_length_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -
 
 
 @kernel
-def reverses(scene: Scene, ws: DrivenWorkspace, step_length: float) -> bool:
-    """Whether the step is opposite to the last one; stores it."""
+def compare_steps(scene: Scene, ws: DrivenWorkspace) -> tuple[float, float]:
+    """The solution beside that of the last iteration, which it replaces: (cosine of their angle, part along it as a share).
+
+    Both are 0 in the first iteration.
+    """
     x, last_step, work = ws.problem.x, ws.problem.last_step, ws.work
     product, here, last = 0.0, 0.0, 0.0
     for tree in range(len(work.mobility)):
@@ -257,13 +293,15 @@ def reverses(scene: Scene, ws: DrivenWorkspace, step_length: float) -> bool:
             continue
         first = work.first[tree]
         for k in range(6 if work.mobility[tree] == GENERAL_MOTION else 3):
-            v = step_length * x[first + k] * (1.0 if k < 3 else 0.1)
+            v = x[first + k] * (1.0 if k < 3 else 0.1)
             product, here, last = product + v * last_step[first + k], here + v * v, last + last_step[first + k] ** 2
             last_step[first + k] = v
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[q]
             if i >= 0:
-                v = step_length * x[i] * ws.links.lever[q]
+                v = x[i] * ws.links.lever[q]
                 product, here, last = product + v * last_step[i], here + v * v, last + last_step[i] ** 2
                 last_step[i] = v
-    return bool(product < REVERSED * math.sqrt(here * last))
+    if here == 0.0 or last == 0.0:
+        return 0.0, 0.0
+    return product / math.sqrt(here * last), product / last

@@ -11,6 +11,7 @@ from geomphys.collision.detect import MOTION_BOUND, Detection, make_axes, make_n
 from geomphys.collision.global_depth import GlobalDepths, make_global_depths
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.sweep import make_boxes
+from geomphys.driven.contacts_kept import RECORDED_ON
 from geomphys.driven.links import Links, make_links
 from geomphys.driven.paper.state import PaperWorkspace
 from geomphys.driven.state import (
@@ -24,7 +25,7 @@ from geomphys.driven.weights import WEIGHTS, Weights
 from geomphys.engine.coupled_state import Coupled, make_coupled
 from geomphys.engine.fingertips import Fingertips, make_fingertips
 from geomphys.jit.packed_records import pack
-from geomphys.scene.arrays import SIMULATED, Scene
+from geomphys.scene.arrays import DRIVEN, FIXED, SIMULATED, Scene
 from geomphys.scene.kinematics import joint_origins, pose_pieces_of_tree, pose_tree
 from geomphys.simulated.allocation import make_simulation
 from geomphys.simulated.state import Records, Simulation
@@ -72,6 +73,9 @@ class ReplayData(NamedTuple):
     depths: GlobalDepths
     detection: Detection
     still: Records  # (T,) MOTION_BOUND, zero: overlaps are measured without a margin for motion
+    touching: (
+        Records  # (T,) MOTION_BOUND, zero, but of fixed trees `RECORDED_ON`: as near as recorded contacts are to them
+    )
     without_simulated: Records  # (T,) MOTION_BOUND, zero, but -inf of simulated trees: nothing is near them
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start
@@ -83,6 +87,14 @@ class ReplayData(NamedTuple):
     posture: Floats  # (Q,) angles at the frame's start
     fingertips: Fingertips
     tip_detection: Detection  # for the measures of contacts: caches directions separately from those of the solver
+
+
+def _touching(scene: Scene) -> Records:
+    """The bounds for `ReplayData.touching`: zero where no tree that follows the recording has joints."""
+    touching, jointed = np.zeros(len(scene.trees.role), MOTION_BOUND), np.diff(scene.trees.dof_start) > 0
+    if (jointed & (scene.trees.role == DRIVEN)).any():
+        touching["world"][scene.trees.role == FIXED] = RECORDED_ON
+    return touching
 
 
 def make_replay_data(
@@ -122,6 +134,7 @@ def make_replay_data(
         depths=make_global_depths(NEAR_PAIRS),
         detection=detection,
         still=np.zeros(trees, MOTION_BOUND),
+        touching=_touching(scene),
         without_simulated=without_simulated,
         simulated=make_simulation(
             scene, poses, start=start, end=corrected, reported=velocity, frames=piece_frames.moved,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import find_near
 from geomphys.collision.global_depth import global_depths
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.contacts_kept import RECORDED_ON, find_touches
+from geomphys.driven.contacts_kept import find_touches
 from geomphys.driven.groups import GLOBAL, Outcome, combine
 from geomphys.driven.postures import is_recorded
 from geomphys.driven.state import NOT_STARTED
@@ -83,15 +83,12 @@ def measure_recorded(scene: Scene, data: ReplayData) -> tuple[float, int]:
     """Overlaps of the recorded poses: fills `near` and `depths`; returns the deepest [m] of driven bodies with fixed and
     other driven ones, and the number of pairs of bodies in `depths`.
     """
-    near, depth, touching = data.workspace.near, data.workspace.work.depth, 0.0
+    near, depth = data.workspace.near, data.workspace.work.depth
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
-        if scene.trees.role[tree] == DRIVEN and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree]:
-            touching = RECORDED_ON
-    find_near(scene, data.workspace.piece_frames.base, data.still, touching, math.inf, near, data.detection)
+    find_near(scene, data.workspace.piece_frames.base, data.touching, 0.0, math.inf, near, data.detection)
     overlapping = global_depths(scene.pieces, near, data.depths)
-    if touching > 0.0:
-        find_touches(scene, data.workspace, near)
+    find_touches(scene, data.workspace, near)
     deepest = 0.0
     for k in range(near.counts.filled):
         deep = -near.separation[k]

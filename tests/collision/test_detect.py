@@ -11,6 +11,7 @@ import pytest
 from geomphys.collision.detect import (
     MOTION_BOUND,
     Detection,
+    append_bound,
     append_pair,
     find_near,
     make_axes,
@@ -129,7 +130,9 @@ def test_what_a_remembered_direction_parts_is_bounded_and_not_measured() -> None
 def test_a_pair_beyond_the_table_is_counted_and_changes_none_that_is_in_it() -> None:
     near = make_near(2)
     packed, nothing = pack(near), (0.0, 0.0, 0.0)
-    for piece, is_exact in ((0, True), (1, True), (2, False)):
-        append_pair(packed, piece, 5, 0, 1, (0.01 * piece, nothing, nothing, nothing), is_exact)
-    assert (int(near.counts["filled"]), int(near.counts["lost"])) == (2, 1)
-    assert (near.a.tolist(), near.exact.tolist(), near.separation.tolist()) == ([0, 1], [1, 1], [0.0, 0.01])
+    append_pair(packed, 0, 5, 0, 1, (0.0, nothing, nothing, nothing))
+    append_bound(packed, 1, 5, 0, 1, 0.01, nothing)
+    append_bound(packed, 2, 5, 0, 1, 0.02, nothing)
+    append_pair(packed, 3, 5, 0, 1, (0.03, nothing, nothing, nothing))
+    assert (int(near.counts["filled"]), int(near.counts["lost"])) == (2, 2)
+    assert (near.a.tolist(), near.exact.tolist(), near.separation.tolist()) == ([0, 1], [1, 0], [0.0, 0.01])

@@ -38,7 +38,7 @@ def solve(rows, bounds, goal):
     m, n = rows.shape
     problem = make_least_distance(n + 2, m + 3)
     problem.rows[:m, :n], problem.rhs[:m], problem.x[:n] = rows, bounds, goal
-    begin_least_distance(problem, n, m)
+    begin_least_distance(problem, m)
     status, active = satisfy_rows(problem, n, m, 1e-12, 0)
     return status, problem.x[:n].copy(), active
 
