@@ -33,7 +33,7 @@ from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.postures import Posture
 from geomphys.driven.qp import resume_quadratic, solve_quadratic
 from geomphys.driven.reachability import measure_listed_pairs
-from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, TRANSLATION, DrivenWorkspace
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, NO_ROW, REQUESTED, TRANSLATION, DrivenWorkspace
 from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
@@ -144,6 +144,15 @@ def _only_translations(ws: DrivenWorkspace) -> bool:
 
 
 @kernel
+def _some_joints(scene: Scene, ws: DrivenWorkspace) -> bool:
+    """Whether some tree that may move has joints: others converge so fast that no pass is to be saved."""
+    some, start = False, scene.trees.dof_start
+    for tree in range(len(ws.work.mobility)):
+        some = some or (ws.work.mobility[tree] == GENERAL_MOTION and start[tree + 1] > start[tree])
+    return some
+
+
+@kernel
 def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
     """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are posed at the trial."""
     near, moved = ws.near, ws.piece_frames.moved
@@ -173,23 +182,32 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         gap_at_trial = gap_along_normal(scene, ws, k, motion)
         if gap_at_trial >= 0.25 * gap:
             continue
+        nearly_separated = gap_at_trial > -path_tolerance(scene, a, b)
         bound, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
-        if bound >= 0.25 * gap and is_separated_on_path(
-            scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
-        ):
+        if bound >= 0.25 * gap and (
+            nearly_separated
+            or near.separation[k] + bound >= motion
+            or is_separated_on_path(
+                scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
+            )
+        ):  # fmt: skip
             continue
         trial_separation, n, _, _ = pair_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
-        if trial_separation >= 0.25 * gap and is_separated_on_path(
-            scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
-        ):
+        if trial_separation >= 0.25 * gap and (
+            nearly_separated
+            or near.separation[k] + trial_separation >= motion
+            or is_separated_on_path(
+                scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
+            )
+        ):  # fmt: skip
             continue
         s = _measure_at_iterate(scene, ws, k, motion)
         if s > motion:
             continue
         if trial_separation < 0.25 * gap or (
-            s + trial_separation < motion and gap_at_trial <= -path_tolerance(scene, a, b) and not path_is_free(
+            s + trial_separation < motion and not path_is_free(
                 scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
             )
         ):  # fmt: skip
@@ -301,7 +319,7 @@ def search(
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
     found, converged, rate_limited, is_solved = False, False, False, True
     only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
-    last_far, stretched = 0.0, False
+    last_far, stretched, jointed = 0.0, False, _some_joints(scene, ws)
     clear_spots(ws)
     _copy_targets(scene, ws, work.target, work.cached_target)
     for i in range(len(ws.problem.last_step)):
@@ -373,9 +391,8 @@ def search(
             has_converged = far < CONVERGED_TRANSLATION
         else:
             nearly = far < NEARLY_CONVERGED_MOTION * max(step_length, 1.0)
-            has_converged = is_within(CONVERGED_MOTION, far, last_far) or (
-                nearly and (stretched or iteration >= SETTLED)
-            )
+            settled = stretched or iteration >= (SETTLED if jointed else PATIENCE)
+            has_converged = is_within(CONVERGED_MOTION, far, last_far if jointed else 0.0) or (nearly and settled)
         last_far = 0.0 if stretched else far
         if trial_separation >= 0.0 and (has_converged or rate_limited):
             found, converged = True, True
