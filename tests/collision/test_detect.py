@@ -20,7 +20,7 @@ from geomphys.collision.detect import (
 )
 from geomphys.collision.penetration import make_scratch
 from geomphys.collision.support import pose_pieces
-from geomphys.collision.sweep import make_boxes
+from geomphys.collision.sweep import make_boxes, update_boxes
 from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
@@ -106,6 +106,28 @@ def test_pairs_are_listed_as_far_as_both_may_move_and_the_margin(reach: float, m
     near = make_near(64)
     find_near(scene, frames, np.full(10, reach, MOTION_BOUND), margin, math.inf, pack(near), detection)
     assert near.counts["filled"] == found
+
+
+@pytest.mark.parametrize(("margin", "measured"), [(0.011, False), (0.019, False), (0.021, True)])
+def test_what_boxes_part_by_half_the_limit_is_bounded_without_a_direction(margin: float, measured: bool) -> None:
+    scene, detection, frames = rows_of_balls(3)
+    near = make_near(64)
+    find_near(scene, frames, np.zeros(3, MOTION_BOUND), margin, 0.0, pack(near), detection)
+    assert near.counts["filled"] == 2
+    assert near.exact[:2].tolist() == [measured, measured]
+    assert near.normal[:2].any() == measured
+    assert near.separation[:2] == pytest.approx(0.01, abs=1e-12)
+
+
+def test_boxes_that_overlap_prove_nothing() -> None:
+    scene, detection, frames = rows_of_balls(2)
+    frames[1, 9] = 0.07
+    for tree in (0, 1):
+        update_boxes(scene, frames, detection.boxes, tree)
+    near = make_near(64)
+    find_near(scene, frames, np.zeros(2, MOTION_BOUND), 0.0, 0.0, pack(near), detection)
+    assert near.counts["filled"] == near.exact[0] == 1
+    assert near.separation[0] == pytest.approx(-0.03, abs=1e-12)
 
 
 def test_what_a_remembered_direction_parts_is_bounded_and_not_measured() -> None:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geomphys.collision.detect import pair_separation
 from geomphys.collision.penetration import separation
 from geomphys.driven.goals import choose_branch
 from geomphys.driven.reachability import _measure_travel, _pair_travel
 from geomphys.driven.starts import JUMP, unwrapped_change
 from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
-from geomphys.driven.stepping import gap_along_normal, measure_near_pairs, update_separations
+from geomphys.driven.stepping import gap_along_normal, is_within, measure_near_pairs, update_separations
 from geomphys.driven.targets import _set_rate_along
 from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
@@ -66,6 +67,47 @@ def test_a_direction_says_nothing_of_a_path_with_much_rotation(
     work.trial.poses[0, 3:] = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
     gap = gap_along_normal(scene, ws, 0, motion)
     assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
+
+
+@pytest.mark.parametrize(
+    ("direction", "sure"), [((0.0, 0.0, 1.0), True), ((1.0, 0.0, 0.0), False), ((0.0, 0.0, 0.0), False)]
+)
+def test_a_cached_direction_is_taken_only_if_it_separates_the_pair_at_the_iterate(
+    table: Table, direction: tuple[float, ...], sure: bool
+) -> None:
+    scene, ws, data = table
+    one_free(data)
+    near, axes = data.workspace.near, data.detection.axes
+    axes.rows["pair"] = -1
+    measure_near_pairs(scene, ws, 0.018, 0.0)
+    assert near.exact[0] == 0
+    assert not near.normal[0].any()
+    cache_direction(scene, data)
+    axes.rows["direction"] = direction
+    work = data.workspace.work
+    work.iterate.poses[:] = work.trial.poses[:] = data.recorded
+    gap = gap_along_normal(scene, ws, 0, 1e-3)
+    assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
+    assert near.normal[0].tolist() == list(direction if sure else (0.0, 0.0, 0.0))
+
+
+def cache_direction(scene: Any, data: ReplayData) -> None:
+    """Measure the first near pair, which caches a direction, and leave the pair as it was."""
+    near, detection = data.workspace.near, pack(data.detection)
+    frames, a, b = data.workspace.piece_frames.frames, int(near.a[0]), int(near.b[0])
+    pair_separation(scene.pieces, frames, a, b, 1.0, detection.axes, detection.scratch)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.5])
+def test_steps_in_geometric_series_are_within_what_is_left_of_their_sum(ratio: float) -> None:
+    step = 1e-3
+    left = step * ratio / (1.0 - ratio)
+    if ratio > 0.0:
+        assert not is_within(0.99 * left, step, step / ratio)
+        assert is_within(1.01 * left, step, step / ratio)
+    assert not is_within(0.5 * step, step, 0.0)  # there was no step before
+    assert not is_within(0.5 * step, step, step)  # steps that do not get shorter lead nowhere
+    assert is_within(2.0 * step, step, step)
 
 
 def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> None:
