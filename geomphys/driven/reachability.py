@@ -269,8 +269,9 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
 
 
 @noinline
-def find_reference_bodies(scene: Scene, ws: DrivenWorkspace) -> None:
-    """The nearest bodies that the recording moves, of the listed pairs at the posture that was judged last."""
+def find_reference_bodies(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+    """The nearest bodies that the recording moves, of the listed pairs at a posture whose pieces are posed."""
+    _measure_travels(scene, ws, posture)
     listed, reference_bodies = ws.listed, ws.work.reference_bodies
     for i in range(len(reference_bodies)):
         reference_bodies[i] = -1

@@ -30,7 +30,6 @@ from geomphys.driven.constraints import (
 from geomphys.driven.contacts_kept import add_touches, list_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
-from geomphys.driven.postures import Posture
 from geomphys.driven.qp import resume_quadratic, solve_quadratic
 from geomphys.driven.reachability import measure_listed_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, NO_ROW, REQUESTED, TRANSLATION, DrivenWorkspace
@@ -38,6 +37,7 @@ from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
     compare_steps,
+    copy_targets,
     copy_unlocked,
     gap_along_normal,
     is_within,
@@ -45,14 +45,14 @@ from geomphys.driven.stepping import (
     measure_near_pairs,
     motion_of,
     pose_unlocked_pieces,
+    set_targets_to,
     step_length_within_rate,
     update_separations,
 )
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import copy_pose, vec_at
+from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import norm, sub
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import orientation_of, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -266,25 +266,6 @@ def _first_radius(scene: Scene, ws: DrivenWorkspace) -> float:
 
 
 @noinline
-def _copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Floats) -> None:
-    """Copy targets (B, 7) of the trees being solved."""
-    for tree in range(len(ws.work.mobility)):
-        if ws.work.mobility[tree] != LOCKED:
-            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                copy_pose(source, body, target, body)
-
-
-@noinline
-def _set_targets_to(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Set the targets of the links to their poses in a posture."""
-    for tree in range(len(ws.work.mobility)):
-        if ws.work.mobility[tree] != LOCKED:
-            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-                q = orientation_of(posture.poses, body)
-                set_pose(ws.work.target, body, link_centre(ws, posture.poses, body), q)
-
-
-@noinline
 def search(
     scene: Scene,
     ws: DrivenWorkspace,
@@ -321,7 +302,7 @@ def search(
     only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
     last_far, stretched, jointed = 0.0, False, _some_joints(scene, ws)
     clear_spots(ws)
-    _copy_targets(scene, ws, work.target, work.cached_target)
+    copy_targets(scene, ws, work.target, work.cached_target)
     for i in range(len(ws.problem.last_step)):
         ws.problem.last_step[i] = 0.0
     while True:
@@ -381,7 +362,7 @@ def search(
         copy_unlocked(scene, ws, work.trial, work.iterate)
         if stopped:
             rate_limited = True
-            _set_targets_to(scene, ws, work.iterate)
+            set_targets_to(scene, ws, work.iterate)
         if (step_length < 1.0 and not stopped) or cosine < REVERSED:
             trust_radius = max(0.5 * trust_radius, MIN_RADIUS)
         elif far > 0.5 * trust_radius:
@@ -398,5 +379,5 @@ def search(
             found, converged = True, True
             copy_unlocked(scene, ws, work.iterate, work.best)
             break
-    _copy_targets(scene, ws, work.cached_target, work.target)
+    copy_targets(scene, ws, work.cached_target, work.target)
     return Found(found, iteration, converged, rate_limited)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import pivot_of, tree_cost
 from geomphys.driven.postures import Posture
-from geomphys.driven.reachability import FREE, find_reference_bodies, judge, measure_swept_pairs
+from geomphys.driven.reachability import FREE, IN_COLLISION, find_reference_bodies, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
@@ -158,10 +158,10 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
             break
         if cost >= best and kind != LAST:
             continue
-        verdict = judge(scene, ws, work.start)
+        verdict = judge(scene, ws, work.start) if cost < best else IN_COLLISION
         if kind == LAST:
-            find_reference_bodies(scene, ws)
-        if verdict == FREE and cost < best:
+            find_reference_bodies(scene, ws, work.start)
+        if verdict == FREE:
             best, chosen = cost, kind
             copy_unlocked(scene, ws, work.start, work.iterate)
     return chosen

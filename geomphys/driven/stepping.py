@@ -23,7 +23,7 @@ from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import set_vec_at, vec_at
+from geomphys.numerics.row_vectors import copy_pose, set_vec_at, vec_at
 from geomphys.numerics.vec3 import (
     add,
     dot,
@@ -64,6 +64,25 @@ def copy_unlocked(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Po
     for tree in range(len(ws.work.mobility)):
         if ws.work.mobility[tree] != LOCKED:
             copy_tree(scene, source, tree, target)
+
+
+@noinline
+def copy_targets(scene: Scene, ws: DrivenWorkspace, source: Floats, target: Floats) -> None:
+    """Copy targets (B, 7) of the trees being solved."""
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
+            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                copy_pose(source, body, target, body)
+
+
+@noinline
+def set_targets_to(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+    """Set the targets of the links to their poses in a posture."""
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
+            for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+                q = orientation_of(posture.poses, body)
+                set_pose(ws.work.target, body, link_centre(ws, posture.poses, body), q)
 
 
 @kernel
@@ -193,7 +212,7 @@ def step_to_trial(scene: Scene, ws: DrivenWorkspace) -> float:
 def is_within(distance: float, step: float, last_step: float) -> bool:
     """Whether iterations that converge linearly, with these steps [m] at the end, are within `distance` [m] of their limit.
 
-    `last_step` 0: there was none, or it tells nothing.
+    They are after a step shorter than that too. `last_step` 0: there was none, or it tells nothing.
     """
     return step < distance or step * step < distance * (last_step - step)
 
