@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import math
 
-from geomphys.engine.coupled_solve import (
-    IMPACT_PRECISION,
-    MAX_SWEEPS,
-    add_responses,
-    relative_velocity,
-    set_inequality_response,
-    solve_contacts,
-)
+from geomphys.engine.coupled_impulses import add_responses, relative_velocity, set_inequality_response
+from geomphys.engine.coupled_solve import IMPACT_PRECISION, IMPACT_STEPS, solve_contacts
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import begin_impact, end_impact, end_unknown, first_unknown, solves
 from geomphys.engine.state import ReplayData
@@ -80,7 +74,7 @@ def resolve_impacts(scene: Scene, data: ReplayData) -> int:
         set_inequality_response(c, k)
         g.impulse = 0.0
         g.target_speed = 0.0 if g.clearance <= sim.frame.touch else LEFT_OUT
-    solve_contacts(sim, c, MAX_SWEEPS, IMPACT_PRECISION)
+    solve_contacts(sim, c, IMPACT_STEPS, IMPACT_PRECISION, IMPACT_PRECISION)
     for tree in range(len(scene.trees.role)):
         if solves(scene, c, tree):
             end_impact(c, 3 * tree, 3 * tree + 3)

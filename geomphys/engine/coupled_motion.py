@@ -13,15 +13,8 @@ from numpy.typing import NDArray
 
 from geomphys.engine.coupled_contacts import find_coupled_contacts, find_inequalities, rotate_arms
 from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
-from geomphys.engine.coupled_solve import (
-    PRECISION,
-    SWEEPS,
-    add_responses,
-    apply,
-    impulse_vector,
-    set_inequality_response,
-    solve_contacts,
-)
+from geomphys.engine.coupled_impulses import add_responses, apply, impulse_vector, set_inequality_response
+from geomphys.engine.coupled_solve import PRECISION, PROXIMAL_STEPS, SWEPT_PRECISION, solve_contacts
 from geomphys.engine.coupled_squeeze import add_squeeze, largest_squeeze
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import (
@@ -207,7 +200,7 @@ def solve_step(scene: Scene, data: ReplayData, t: float, h: float, to_impact: bo
         c.inequalities[k].impulse = 0.0
     set_targets(sim, c, h, to_impact)
     begin_with_forces(sim, c, h)
-    solve_contacts(sim, c, SWEEPS, PRECISION)
+    solve_contacts(sim, c, PROXIMAL_STEPS, PRECISION, SWEPT_PRECISION)
 
 
 @noinline

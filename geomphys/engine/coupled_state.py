@@ -21,9 +21,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
 Inequality: TypeAlias = Any  # a record of `INEQUALITY`
+Constraint: TypeAlias = Any  # of `CONSTRAINT`
 
 MAX_EFFECTS = 1 << 15
 MAX_INEQUALITIES = 1 << 11
+MAX_ROWS = 128  # velocities that contacts change: a group with more is solved by sweeps
+MAX_CONSTRAINTS = 512
+MAX_TERMS = 1 << 13
 
 UNKNOWN = np.dtype(
     [
@@ -38,6 +42,7 @@ UNKNOWN = np.dtype(
         ("damping", FLOAT),  # N s/m or N m s/rad: R
         ("effort", FLOAT),  # N or N m: largest force of the spring
         ("inverse_mass", FLOAT),  # change of `new_rate` by a unit impulse; 0: it follows the recording
+        ("row", INT),  # of the tables of the solve; -1: none
         ("lever", FLOAT),  # 1 or m/rad: its lever, of which K of (6) has the square
         ("impedance_scale", FLOAT),  # factor on K, m and R: such that the contact yields by K; 1: no contact
         ("moments", FLOAT),  # N or N m: sum of the magnitudes of contact moments on it
@@ -71,7 +76,7 @@ INEQUALITY = np.dtype(
     [
         ("first_effect", INT),
         ("end_effect", INT),
-        ("idle", INT),  # 1: had no impulse when last visited, and is not visited in most sweeps
+        ("included", INT),  # 1: takes part in the solve
         ("clearance", FLOAT),  # m or rad
         ("prescribed", FLOAT),  # m/s or rad/s: rate of the clearance if no offset changes
         ("target_speed", FLOAT),
@@ -83,8 +88,59 @@ INEQUALITY = np.dtype(
 )
 """Frictionless inequality of unknowns: a driven link and a body that is not simulated, or the limit of a joint."""
 
+ROW = np.dtype(
+    [
+        ("mass", FLOAT),  # kg or kg m²; 0: of a body's rotation, see `BLOCK`
+        ("change", FLOAT),  # m/s or rad/s: of the velocity, since the solve began
+        ("accepted", FLOAT),  # the same after the last proximal step
+        ("residual", FLOAT),  # N s or N m s: what impulses do not explain of it
+    ]
+)
+"""A velocity that contacts change: the rate of an unknown, or one of the six of a simulated body."""
+
+BLOCK = np.dtype(
+    [
+        ("row", INT),  # the first of three
+        ("inertia", FLOAT, 9),  # kg m²
+        ("inverse_inertia", FLOAT, 9),
+    ]
+)
+"""Rotation of a simulated body."""
+
+TERM = np.dtype(
+    [
+        ("row", INT),
+        ("jacobian", FLOAT, 3),  # relative velocity along normal, tangent and binormal by the velocity of the row
+        ("response", FLOAT, 3),  # minus what that changes the impulses by
+    ]
+)
+"""An entry of the Jacobian of the constraints."""
+
+CONSTRAINT = np.dtype(
+    [
+        ("number", INT),  # of the contact; from the number of contacts on: that of an inequality
+        ("first_term", INT),  # its entries of the Jacobian
+        ("end_term", INT),
+        ("mass_n", FLOAT),  # kg or kg m²: effective mass along the normal
+        ("mass_t", FLOAT),  # the least one across it
+        ("friction", FLOAT),
+        ("off_target", FLOAT, 3),  # m/s along the three axes: velocity when the solve began, off its target
+        ("start", FLOAT, 3),  # N s: impulses when the solve began
+        ("reference", FLOAT, 3),  # N s: impulses after the last proximal step
+        ("impulse", FLOAT, 3),  # N s: those being solved for
+        ("sliding", INT),  # 1: friction is at its bound
+        ("part", FLOAT),  # of friction that is within the bound
+        ("direction", FLOAT, 2),  # of friction, if sliding
+    ]
+)
+"""A contact, or an inequality as a contact without friction."""
+
 SOLVE = np.dtype(
     [
+        ("rows", INT),  # of the tables of the solve
+        ("blocks", INT),
+        ("terms", INT),
+        ("constraints", INT),
         ("effects", INT),
         ("inequalities", INT),
         ("lost", INT),  # effects and inequalities beyond the capacity of their table, which are left out
@@ -105,6 +161,14 @@ class Coupled(NamedTuple):
     solve: Record  # SOLVE
     effects: Records  # EFFECT, of the simulated loop's contacts and of the inequalities
     inequalities: Records  # INEQUALITY
+    rows: Records  # ROW
+    blocks: Records  # BLOCK
+    terms: Records  # TERM
+    constraints: Records  # CONSTRAINT
+    matrix: Floats  # (R, R) of a Newton step
+    step: Floats  # (R,) its right side, then its solution
+    columns: Ints  # (R,) columns of a row that are not zero
+    body_rows: Ints  # (B,) first row of each body; -1: none
     begin: Posture  # the recording at the start of the substep
     now: Posture  # driven trees, corrected
     after: Posture  # the same at the end of the step with their present offsets
@@ -130,9 +194,14 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     any_simulated = bool((scene.bodies.role == SIMULATED).any()) and bool((scene.bodies.role == DRIVEN).any())
     records = np.zeros(trees, TREE)
     records["rotation_offset"][:, 3] = 1.0
+    some = 1 if any_simulated else 0
+    rows = some * MAX_ROWS
     return Coupled(
         unknowns, records, np.zeros((), SOLVE), np.zeros(MAX_EFFECTS if any_simulated else 1, EFFECT),
-        np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), make_posture(scene, poses), make_posture(scene, poses),
+        np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), np.zeros(rows, ROW), np.zeros(rows // 6, BLOCK),
+        np.zeros(some * MAX_TERMS, TERM), np.zeros(some * MAX_CONSTRAINTS, CONSTRAINT), np.zeros((rows, rows)), np.zeros(rows),
+        np.zeros(rows, np.int64),
+        np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip
 

@@ -146,7 +146,7 @@ CONTACT = np.dtype(
         # in the coupled solve with driven bodies
         ("point", FLOAT, 3),  # m, world
         ("prescribed", FLOAT, 3),  # m/s along the three axes: relative velocity prescribed by the recording
-        ("idle", INT),  # 1: had no impulse when last visited, and is not visited in most sweeps
+        ("included", INT),  # 1: takes part in the solve
         ("first_effect", INT),  # its entries of `EFFECT`: responses of driven trees' unknowns
         ("end_effect", INT),
         ("slip_debt", FLOAT, 3),  # m, world: drift of the point while it stuck
