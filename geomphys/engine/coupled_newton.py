@@ -1,10 +1,11 @@
 """Newton's method for the coupled contact solve, by proximal steps.
 
-Of a contact with the velocity g off its target and the effective mass m, the impulse λ is to be  P(λ - m g),  with P the projection
-onto p >= 0 and then onto the disc μ p of friction. A proximal step solves  λ = P(λ0 - s m g)  with s > 1 instead, from the
-impulses λ0 of the last one (Rockafellar 1976): contacts yield a little, in proportion to the change of their impulses, so that
-there is a solution where they are more than the bodies have degrees of freedom, and redundant ones share a load as they did before.
-It is an equation in the velocities alone, smooth but for kinks, which Newton's method solves in a few steps (Alart and Curnier 1991).
+Of a contact with the velocity g off its target and the effective mass m, the impulse λ is to be  P(λ - m g),  with P the
+projection onto p >= 0 and then onto the disc μ p of friction. A proximal step solves  λ = P(λ0 - s m g)  with s > 1 instead,
+from the impulses λ0 of the last one (Rockafellar 1976): contacts yield in proportion to the change of their impulses, so that
+there is a solution where they are more than the bodies have degrees of freedom, and redundant ones share a load as they did
+before. It is an equation in the velocities alone, smooth but for kinks, which Newton's method solves in a few steps (Alart and
+Curnier 1991).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def impulse_by(r: Constraint, g: Vec, s: float) -> Vec:
 
 @noinline
 def set_residual(c: Coupled, s: float) -> float:
-    """Impulses by the velocities, and the residual M δv - Jᵀ (λ - λ_start) of the rows; returns its size [kg m²/s², twice an energy]."""
+    """Impulses by the velocities, and the residual M δv - Jᵀ (λ - λ_start) of the rows; returns its size, twice an energy [J]."""
     for i in range(c.solve.rows):
         c.rows[i].residual = c.rows[i].mass * c.rows[i].change
     for i in range(c.solve.blocks):

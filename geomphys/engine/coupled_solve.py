@@ -1,7 +1,7 @@
 """The coupled contact solve of driven and simulated bodies.
 
 Every contact has a normal impulse p >= 0, which keeps the normal velocity at or above its target, and a friction impulse
-within the disc μ p, which takes the sliding velocity to its target or else opposes it. What is solved is judged by the residual of
+within the disc μ p, which takes the sliding velocity to its target or else opposes it. A solution is judged by the residual of
 these conditions. Proximal steps by Newton's method come first; sweeps follow where they leave a residual, and take the place of
 them in groups with too many bodies.
 """
@@ -21,7 +21,7 @@ YIELDS = 10.0  # times the effective mass: change of impulse by velocity with wh
 YIELD_GROWTH = 5.0  # of that from one to the next
 MOST_YIELDS = 1000.0
 ROUNDS = 4  # of proximal steps and sweeps
-SWEEPS = 100  # of a round
+SWEEPS = 400  # of a round
 MANY_SWEEPS = 200  # instead of all rounds, where there are too many bodies for the tables
 PRECISION = 1e-5  # m/s: of a step, less than 0.1 um; the rest is corrected as slip or overlap
 SWEPT_PRECISION = 2e-5  # m/s: the sweeps of a step end when none changes a velocity by more

@@ -106,7 +106,7 @@ def add_terms_of_unknowns(c: Coupled, first: int, end: int) -> None:
 
 @kernel
 def add_terms_of_body(c: Coupled, r: Contact, row: int, arm: Vec, sign: float) -> None:
-    """Append the Jacobian of the body whose rows begin at `row`: `sign` times the velocity of its point at `arm` along the axes."""
+    """Append the Jacobian of the body with rows from `row` on: `sign` times the velocity of its point at `arm` along the axes."""
     if row < 0:
         return
     n, t, b = vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal)

@@ -1,23 +1,24 @@
-"""Limits of the coupled contact solve: frictionless inequalities of unknowns, one visit at a time and all together."""
+"""The coupled contact solve: frictionless inequalities of unknowns, by visits and all together; contacts with friction."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from geomphys.engine.coupled_contacts import add_effect, add_inequality
-from geomphys.engine.coupled_solve import (
-    IMPACT_PRECISION,
-    extrapolate,
-    set_inequality_response,
-    solve_contacts,
-    sweep_contacts,
-    update_inequality,
-)
+from geomphys.engine.coupled_impulses import set_inequality_response
+from geomphys.engine.coupled_motion import solve_step
+from geomphys.engine.coupled_newton import proximal_step
+from geomphys.engine.coupled_solve import CREEPS, IMPACT_PRECISION, IMPACT_STEPS, PRECISION, solve_contacts
+from geomphys.engine.coupled_state import ROW
+from geomphys.engine.coupled_sweeps import extrapolate, residual_of, update_inequality
+from geomphys.engine.coupled_system import apply_solution, include_nearly_pressed, include_violated, make_system
 from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
-from geomphys.scene.pieces import Sphere
-from tests.simulated.scenes import Thing, floor, make_scene
+from geomphys.scene.pieces import Box, Sphere
+from tests.engine.coupled_stages import GAP, STEP, Substep, ball_over_plate
+from tests.simulated.scenes import GRAVITY, Thing, floor, make_scene
 
 
 @pytest.fixture
@@ -85,21 +86,98 @@ def test_an_extrapolated_impulse_does_not_pull(data: ReplayData) -> None:
     assert g["impulse"] == pytest.approx(0.3 + 0.5 * 0.2)
 
 
-def test_an_idle_limit_is_visited_in_full_sweeps_alone_and_is_idle_no_more_once_it_presses(data: ReplayData) -> None:
-    g = data.coupled.inequalities[inequality(data, (0, 1.0), prescribed=-1.0)]
-    g["idle"], g["previous_impulse"] = 1, 3.0
-    sim, c = pack(data.simulated), pack(data.coupled)
-    assert sweep_contacts(sim, c, False, False, 1.0) == 0.0
-    assert sweep_contacts(sim, c, False, True, 1.0) == pytest.approx(1.0)
-    assert (g["idle"], g["impulse"], g["previous_impulse"]) == (0, 0.5, 0.5)
-
-
 def test_inequalities_that_oppose_each_other_in_part_are_solved_together(data: ReplayData) -> None:
     """x + y >= 1 and x - y >= 0 by least kinetic energy: x = y = 1/2 with these masses, as the second binds too."""
     one = inequality(data, (0, 1.0), (1, 1.0), prescribed=-1.0)
     other = inequality(data, (0, -1.0), (1, 1.0))
-    assert solve_contacts(pack(data.simulated), pack(data.coupled), 50, IMPACT_PRECISION) > 2
+    sim, c = pack(data.simulated), pack(data.coupled)
+    assert solve_contacts(sim, c, IMPACT_STEPS, IMPACT_PRECISION, IMPACT_PRECISION) <= IMPACT_PRECISION
     assert rate(data, one) == pytest.approx(0.0, abs=1e-9)
     assert rate(data, other) == pytest.approx(0.0, abs=1e-9)
     assert data.coupled.unknowns["new_rate"][:2] == pytest.approx([0.5, 0.5], abs=1e-9)
     assert data.coupled.solve["unconverged"] == 0
+
+
+def test_an_inequality_far_from_pressing_is_left_out_until_the_solution_violates_it(data: ReplayData) -> None:
+    """The first one takes unknown 0 to a rate of 1, beyond what the other, of the opposite sign, allows."""
+    inequality(data, (0, 1.0), prescribed=-1.0)
+    far = inequality(data, (0, -1.0), (1, 1.0), prescribed=0.5)
+    sim, c = pack(data.simulated), pack(data.coupled)
+    include_nearly_pressed(sim, c)
+    assert data.coupled.inequalities["included"][:2].tolist() == [1, 0]
+    assert make_system(sim, c)
+    assert proximal_step(c, 1e3, PRECISION)
+    apply_solution(sim, c)
+    assert include_violated(sim, c, PRECISION)
+    assert data.coupled.inequalities["included"][:2].tolist() == [1, 1]
+    assert solve_contacts(sim, c, IMPACT_STEPS, IMPACT_PRECISION, IMPACT_PRECISION) <= IMPACT_PRECISION
+    assert rate(data, far) == pytest.approx(0.0, abs=1e-9)
+
+
+def pressed_cube(friction: float, across: float) -> Substep:
+    """A cube of 0.2 kg that stands on a driven plate and slides on it with a speed `across`, its four corners in contact."""
+    box = Box((0.05, 0.05, 0.02))
+    things = [
+        Thing(shape=Box((0.2, 0.2, 0.02)), role=s.DRIVEN),
+        Thing(shape=box, at=(0, 0, 0.04 + GAP), v=(across, 0, 0), mass=0.2),
+    ]
+    stage = Substep(make_scene(things)).begin().find_contacts()
+    assert len(stage.contacts) == 4
+    stage.contacts["friction"] = friction
+    return stage
+
+
+def forces(stage: Substep) -> np.ndarray:
+    """World force on the cube [N]."""
+    r = stage.contacts
+    j = (
+        r["normal_impulse"] @ r["normal"]
+        + r["tangent_impulse"][:, 0] @ r["tangent"]
+        + r["tangent_impulse"][:, 1] @ r["binormal"]
+    )
+    return np.asarray(j / STEP)
+
+
+def test_redundant_contacts_share_a_load_and_stick() -> None:
+    """Of four corners three are enough: all press, none slides, and the cube goes with the plate."""
+    stage = pressed_cube(0.5, 0.001)
+    stage.call(solve_step, 0.0, STEP, False)
+    assert residual_of(stage.packed.simulated, stage.packed.coupled) <= PRECISION
+    plate = [float(stage.unknown(0, axis)["new_rate"]) for axis in range(3)]
+    assert stage.data.simulated.velocity[1, :3] == pytest.approx(plate, abs=3 * PRECISION)
+    assert stage.contacts["normal_impulse"].min() > 0.0
+
+
+def test_what_slides_is_slowed_by_the_friction_of_its_load() -> None:
+    stage = pressed_cube(0.3, 0.5)
+    stage.call(solve_step, 0.0, STEP, False)
+    assert residual_of(stage.packed.simulated, stage.packed.coupled) <= PRECISION
+    x, _, z = forces(stage)
+    assert x == pytest.approx(-0.3 * z, rel=1e-6)
+    assert z > 0.5 * 0.2 * GRAVITY
+
+
+def test_targets_that_no_motion_meets_leave_bounded_forces_and_are_told() -> None:
+    """Two corners of a rigid cube are to slide apart: friction strains within its bound, and the residual is what is left."""
+    stage = pressed_cube(0.5, 0.0)
+    stage.contacts["slip_debt"] = np.where(stage.contacts["arm_a"][:, :1] > 0.0, 1e-4, -1e-4) * [1.0, 0.0, 0.0]
+    stage.call(solve_step, 0.0, STEP, False)
+    r = stage.contacts
+    assert np.all(np.linalg.norm(r["tangent_impulse"], axis=1) <= 0.5 * r["normal_impulse"] * (1 + 1e-12))
+    assert np.all(np.isfinite(stage.data.simulated.velocity[1]))
+    residual = residual_of(stage.packed.simulated, stage.packed.coupled)
+    assert CREEPS < residual < 1e-2
+    assert stage.data.coupled.solve["unconverged"] == 1
+
+
+def test_too_many_bodies_for_the_tables_are_solved_by_sweeps() -> None:
+    found = []
+    for rows in (128, 1):
+        stage = ball_over_plate(GAP, 0.01).find_contacts()
+        c = stage.data.coupled._replace(rows=np.zeros(rows, ROW))
+        stage.packed = pack(stage.data._replace(coupled=c))
+        stage.call(solve_step, 0.0, STEP, False)
+        assert c.solve["unconverged"] == 0
+        found.append(stage.data.simulated.velocity[1].copy())
+    assert found[0] == pytest.approx(found[1], abs=CREEPS)
+    assert not np.array_equal(found[0], found[1])

@@ -1,4 +1,4 @@
-"""What grips leaves nothing inside anything, and a contact solve that has not converged is told."""
+"""What grips leaves nothing inside anything, and its contact solve converges."""
 
 from __future__ import annotations
 
@@ -23,11 +23,8 @@ def test_a_gripped_cube_is_left_in_nothing() -> None:
     assert not any(r.metrics.flags & (FLAG_NOT_CONVERGED | FLAG_SWEEP_BOUND) for r in results)
 
 
-def test_the_bound_on_sweeps_is_told_where_what_is_held_may_creep() -> None:
+def test_what_two_hands_hold_is_solved_in_every_frame() -> None:
+    """Sweeps alone left more than the bound of the flag in 17 of 1,910 steps."""
     results = replay_until("two_hands", 3.6)
-    flagged = [r.frame.index for r in results if r.metrics.flags & FLAG_SWEEP_BOUND]
-    assert 0 < len(flagged) < 10
-    assert min(flagged) > 150  # the hands press the box then
-    texts = [text for r in results for _, text in r.messages]
-    assert any("sweeps" in text for text in texts)
+    assert not any(r.metrics.flags & FLAG_SWEEP_BOUND for r in results)
     assert FLAG_NAMES[FLAG_SWEEP_BOUND] == "sweep_bound"
