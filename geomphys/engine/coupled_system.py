@@ -121,7 +121,7 @@ def add_terms_of_body(c: Coupled, r: Contact, row: int, arm: Vec, sign: float) -
 
 @kernel
 def add_constraint(c: Coupled, number: int, effects: int) -> bool:
-    """Append a constraint with so many effects; False: there is no room."""
+    """Append a constraint with so many effects; False: its table is full."""
     solve = c.solve
     if solve.constraints == len(c.constraints) or solve.terms + effects + TERMS_OF_BODIES > len(c.terms):
         return False
@@ -134,7 +134,7 @@ def add_constraint(c: Coupled, number: int, effects: int) -> bool:
 
 @kernel
 def add_contact(sim: Simulation, c: Coupled, k: int) -> bool:
-    """Append contact k; False: there is no room."""
+    """Append contact k; False: its table is full."""
     r = sim.contacts[k]
     if not add_constraint(c, k, r.end_effect - r.first_effect):
         return False
@@ -153,7 +153,7 @@ def add_contact(sim: Simulation, c: Coupled, k: int) -> bool:
 
 @kernel
 def add_inequality_as_contact(sim: Simulation, c: Coupled, k: int) -> bool:
-    """Append inequality k, a contact without friction; False: there is no room."""
+    """Append inequality k, a contact without friction; False: its table is full."""
     g = c.inequalities[k]
     if not add_constraint(c, sim.counts.contacts + k, g.end_effect - g.first_effect):
         return False

@@ -157,17 +157,16 @@ def test_what_slides_is_slowed_by_the_friction_of_its_load() -> None:
     assert z > 0.5 * 0.2 * GRAVITY
 
 
-def test_targets_that_no_motion_meets_leave_bounded_forces_and_are_told() -> None:
-    """Two corners of a rigid cube are to slide apart: friction strains within its bound, and the residual is what is left."""
+def test_targets_that_no_motion_meets_are_solved_by_forces_within_the_bound_of_friction() -> None:
+    """Two sides of a rigid cube are to slide apart: friction strains against that up to its bound."""
     stage = pressed_cube(0.5, 0.0)
     stage.contacts["slip_debt"] = np.where(stage.contacts["arm_a"][:, :1] > 0.0, 1e-4, -1e-4) * [1.0, 0.0, 0.0]
     stage.call(solve_step, 0.0, STEP, False)
     r = stage.contacts
     assert np.all(np.linalg.norm(r["tangent_impulse"], axis=1) <= 0.5 * r["normal_impulse"] * (1 + 1e-12))
     assert np.all(np.isfinite(stage.data.simulated.velocity[1]))
-    residual = residual_of(stage.packed.simulated, stage.packed.coupled)
-    assert CREEPS < residual < 1e-2
-    assert stage.data.coupled.solve["unconverged"] == 1
+    assert residual_of(stage.packed.simulated, stage.packed.coupled) <= CREEPS
+    assert stage.data.coupled.solve["unconverged"] == 0
 
 
 def test_too_many_bodies_for_the_tables_are_solved_by_sweeps() -> None:
