@@ -12,7 +12,7 @@ from typing import NamedTuple
 class Weights(NamedTuple):
     """Weights of the objective; numbers without a unit multiply others."""
 
-    base: float = 36.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
+    base: float = 20.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
     supported: float = 0.35  # times the second moments of all that it carries: of its rotation; more: it rotates less
     shape: float = 7.0  # times: weight of shape and rotation of a rigid tree
     smooth: float = (
