@@ -77,8 +77,8 @@ def check_no_jump(run: Run) -> None:
 def check_hardly_moved(run: Run, *links: str, by: float = 8e-4) -> None:
     """Links that meet nothing share in the correction, as their palm does, by no more than 0.8 mm.
 
-    A heavier base moves less, and the fingers more: at a `Weights.base` of 36 it was 0.5 mm here, and at a recorded door 5 % of the
-    corrections were over 4.3 times as large as the overlap, at 20 over 4.
+    A heavier base moves less, and the fingers more: at a `Weights.base` of 36 it was 0.5 mm here, and at a recorded door one
+    correction in twenty was over 4.3 times as large as the overlap, at 20 over 4.
     """
     for name in links:
         assert np.abs(run.offset(name)).max() <= by, (name, np.abs(run.offset(name)).max())
