@@ -109,7 +109,7 @@ COLUMNS = (
 )
 
 REASONS = {
-    "base": "of a palm, times its area: lighter, jerk and amplification are less, but what meets nothing moves with it by over 0.8 mm",
+    "base": "of a palm, times its area: lighter, jerk is less, but what meets nothing moves with it by over 0.8 mm",
     "supported": "of the palm's rotation, times the second moments of what it carries: less, and it turns with a finger",
     "shape": "in one piece: high enough that a hand keeps its shape where a short way aside frees it",
     "smooth": "joints that tremble against palms that move with a finger: more is calmer; at 0 a pinch jerks 1.2 times",

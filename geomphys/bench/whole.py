@@ -119,9 +119,8 @@ def _span_ns(messages: Sequence[RawMessage]) -> int:
 def _run(arguments: Sequence[str]) -> tuple[float, float]:
     """Wall and processor seconds of a command with all its processes, which may keep the bytecode of modules."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    environment.pop(
-        "PYTHONDONTWRITEBYTECODE", None
-    )  # an installed package has it: without it a start takes twice as long
+    # an installed package has it: without it a start takes twice as long
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
         ending_with_this_process([sys.executable, "-m", "geomphys", *arguments]),

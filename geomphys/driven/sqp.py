@@ -51,7 +51,7 @@ from geomphys.driven.stepping import (
 )
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
-from geomphys.numerics.vec3 import norm, sub
+from geomphys.numerics.vec3 import Vec, norm, sub
 from geomphys.scene.arrays import Scene
 
 Floats = NDArray[np.float64]
@@ -153,6 +153,20 @@ def _some_joints(scene: Scene, ws: DrivenWorkspace) -> bool:
 
 
 @kernel
+def _is_certified(
+    scene: Scene, ws: DrivenWorkspace, k: int, gap_at_trial: float, separation: float, n: Vec, motion: float
+) -> bool:
+    """Whether near pair k, at least `separation` [m] apart along `n` at the trial, has not overlapped on its path there.
+
+    `gap_at_trial`: see `gap_along_normal`; `motion` [m]: how far its surfaces move.
+    """
+    a, b, work = ws.near.a[k], ws.near.b[k], ws.work
+    if gap_at_trial > -path_tolerance(scene, a, b) or ws.near.separation[k] + separation >= motion:
+        return True
+    return is_separated_on_path(scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved)
+
+
+@kernel
 def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
     """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are posed at the trial."""
     near, moved = ws.near, ws.piece_frames.moved
@@ -182,26 +196,13 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         gap_at_trial = gap_along_normal(scene, ws, k, motion)
         if gap_at_trial >= 0.25 * gap:
             continue
-        nearly_separated = gap_at_trial > -path_tolerance(scene, a, b)
         bound, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
-        if bound >= 0.25 * gap and (
-            nearly_separated
-            or near.separation[k] + bound >= motion
-            or is_separated_on_path(
-                scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
-            )
-        ):  # fmt: skip
+        if bound >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, bound, n, motion):
             continue
         trial_separation, n, _, _ = pair_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
-        if trial_separation >= 0.25 * gap and (
-            nearly_separated
-            or near.separation[k] + trial_separation >= motion
-            or is_separated_on_path(
-                scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
-            )
-        ):  # fmt: skip
+        if trial_separation >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, trial_separation, n, motion):
             continue
         s = _measure_at_iterate(scene, ws, k, motion)
         if s > motion:
