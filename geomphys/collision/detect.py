@@ -23,9 +23,7 @@ Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
-BOXES_SUFFICE = (
-    0.5  # of the limit: pairs whose boxes are that far apart are listed with that bound, without a direction
-)
+BOXES_SUFFICE = 0.5  # of the limit: pairs whose boxes are farther apart are listed with that bound, without a direction
 
 
 PAIR_COUNTS = np.dtype(

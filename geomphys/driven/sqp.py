@@ -71,12 +71,10 @@ CONVERGED_TRANSLATION = 1e-8  # m: the same where trees are only translated
 NEARLY_CONVERGED_MOTION = 5e-5  # m: the same for an extrapolated step or
 SETTLED = 4  # after so many iterations, unless trees are only translated
 REVERSED = -0.3  # cosine of a step and the last one: it goes back
-EXTRAPOLATED_MOTION = 5e-4  # m: where a step was shorter, the next one may be extrapolated:
-ALIGNED, SLOW, MAX_RATE = (
-    0.95,
-    0.25,
-    0.75,
-)  # by their ratio, up to `MAX_RATE`, if it is `SLOW` and the cosine `ALIGNED`, or more
+EXTRAPOLATED_MOTION = 5e-4  # m: where a step was shorter, the next one may be extrapolated, if
+ALIGNED = 0.95  # the cosine of their angle and
+SLOW = 0.25  # their ratio are more than this,
+MAX_RATE = 0.75  # by that ratio, but by no more than this
 PATIENCE = 6  # iterations of the least trust radius without a gain end the search
 RELATIVE_GAIN = 0.999  # an iteration gains if the objective ends below this times its least so far
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification

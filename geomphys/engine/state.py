@@ -73,9 +73,7 @@ class ReplayData(NamedTuple):
     depths: GlobalDepths
     detection: Detection
     still: Records  # (T,) MOTION_BOUND, zero: overlaps are measured without a margin for motion
-    touching: (
-        Records  # (T,) MOTION_BOUND, zero, but of fixed trees `RECORDED_ON`: as near as recorded contacts are to them
-    )
+    touching: Records  # (T,) MOTION_BOUND, zero, but of fixed trees how near recorded contacts are to them
     without_simulated: Records  # (T,) MOTION_BOUND, zero, but -inf of simulated trees: nothing is near them
     simulated: Simulation
     start: Floats  # (B, 7) poses at the frame's start

@@ -88,13 +88,18 @@ def mark(sim: Simulation, body: int) -> None:
 
 
 @kernel
+def list_if_concerned(sim: Simulation, pair: int) -> None:
+    """List a pair if it concerns a changed body."""
+    if concerns_changed(sim, pair):
+        sim.concerned[sim.counts.concerned] = pair
+        sim.counts.concerned += 1
+
+
+@kernel
 def list_concerned(sim: Simulation, island: int) -> None:
     """List the pairs of an island that concern changed bodies."""
     for i in range(sim.islands[island].first_pair, sim.islands[island].end_pair):
-        k = sim.island_pairs[i]
-        if concerns_changed(sim, k):
-            sim.concerned[sim.counts.concerned] = k
-            sim.counts.concerned += 1
+        list_if_concerned(sim, sim.island_pairs[i])
 
 
 @noinline
@@ -115,9 +120,7 @@ def mark_activation(sim: Simulation, activation: int) -> None:
         if sim.bodies[sim.free[s]].activation == activation:
             mark(sim, sim.free[s])
     for k in range(sim.counts.pairs):
-        if concerns_changed(sim, k):
-            sim.concerned[sim.counts.concerned] = k
-            sim.counts.concerned += 1
+        list_if_concerned(sim, k)
 
 
 @kernel
