@@ -11,7 +11,7 @@ from geomphys.bench.experiments import GRIPS, experiment_files, load_experiment
 from geomphys.bench.machine import compile_seconds, describe_machine, kernels_are_compiled
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.bench.report import BatchTime, Curve, DepthResult, ExperimentResult, ProcessTime, Report
-from geomphys.bench.scaling import HANDS, HEAPS, OBJECTS, PIECES, curves, warm_up
+from geomphys.bench.scaling import BALLS, BOXES, HANDS, OBJECTS, PIECES, curves, warm_up
 from geomphys.bench.whole import time_batches, time_process
 from geomphys.config import Config
 from geomphys.errors import ConfigError, InputError
@@ -86,7 +86,7 @@ def run_bench(
     parts = (
         len(available)
         + (1 if depths else 0)
-        + (len(OBJECTS) + len(HANDS) + len(PIECES) + len(HEAPS) if options.scaling else 0)
+        + (sum(map(len, (OBJECTS, HANDS, PIECES, BALLS, BOXES))) if options.scaling else 0)
     )
     whole_files = experiment_files(folder, [WHOLE])[0]
     if whole and not whole_files.exists:

@@ -1,4 +1,4 @@
-"""Measures how the frame time grows with fixed objects, hands and pieces of an object, in generated worlds."""
+"""Measures how the frame time grows with fixed objects, hands, pieces of an object and heaps, in generated worlds."""
 
 from __future__ import annotations
 
@@ -26,15 +26,18 @@ Floats = NDArray[np.float64]
 FRAMES = 256
 HERTZ = 60.0
 OVERLAP = 0.01  # m; how deep the recorded hand is in the table
+CLEARANCE = 0.05  # m; how far above the table it is beside a heap, which is measured by itself
+CLEARANCE = 0.05  # m; how far above the table the recorded hand is, beside a heap
 RADIUS, REVOLUTIONS = 0.05, 2.0  # m; the circle a hand slides on
 SIDE = 0.8  # m of the table before each hand
 EXTENT = (12.0, 12.0, 3.0)  # m
 OBJECTS = (20, 60, 200, 600, 2000)
 HANDS = (1, 2, 4, 8)
 PIECES = (1, 3, 10, 50, 200)
-HEAPS = (20, 50, 100)
+BALLS = (20, 50, 100)
+BOXES = (50, 100)
 HEAP_FRAMES = 600  # ten seconds: the heap falls, and comes to rest
-BALL_RADIUS, BIN_SIDE = 0.02, 0.3  # m
+BALL_RADIUS, BOX_SIDE, BIN_SIDE = 0.02, 0.032, 0.3  # m
 
 
 def warm_up() -> float:
@@ -48,24 +51,26 @@ def warm_up() -> float:
 
 def curves(config: Config, repeats: int, peers: Sequence[PeerMaker], report: Callable[[], None]) -> Iterator[Curve]:
     """Measure the curves; `report` is called after each point."""
-    families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World], int], ...] = (
+    deep, above = (FRAMES, OVERLAP), (HEAP_FRAMES, -CLEARANCE)
+    families: tuple[tuple[str, str, tuple[int, ...], Callable[[Path, int], World], tuple[int, float]], ...] = (
         (
             "fixed objects spread over a hall, a hand sliding 1 cm deep over a table",
             "objects",
             OBJECTS,
             world_of_objects,
-            FRAMES,
+            deep,
         ),
-        ("hands sliding 1 cm deep over a table", "hands", HANDS, table_of_hands, FRAMES),
-        ("pieces of the object under a hand", "pieces", PIECES, block_of_pieces, FRAMES),
-        ("balls that fall into a box and come to rest, beside a hand", "balls", HEAPS, box_of_balls, HEAP_FRAMES),
+        ("hands sliding 1 cm deep over a table", "hands", HANDS, table_of_hands, deep),
+        ("pieces of the object under a hand", "pieces", PIECES, block_of_pieces, deep),
+        ("balls that fall into a box and come to rest", "balls", BALLS, box_of_balls, above),
+        ("boxes that fall into a box, turned at random, and come to rest", "boxes", BOXES, box_of_boxes, above),
     )
-    for name, variable, sizes, make, frames in families:
+    for name, variable, sizes, make, (frames, overlap) in families:
         points = []
         for size in sizes:
             with TemporaryFolder() as folder:
                 world = make(folder, size)
-                points.append(measure(slide(f"{size} {variable}", world, frames), config, repeats, peers))
+                points.append(measure(slide(f"{size} {variable}", world, frames, overlap), config, repeats, peers))
             report()
         growth = points[-1].step.median / points[0].step.median
         yield Curve(name=name, variable=variable, sizes=sizes, points=tuple(points), growth=growth)
@@ -108,7 +113,23 @@ def block_of_pieces(folder: Path, count: int) -> World:
 
 
 def box_of_balls(folder: Path, count: int) -> World:
-    """A hand on a table, and balls in layers above a box without a lid."""
+    """A hand over a table, and balls in layers above a box without a lid."""
+    return _heap(folder, count, lambda random: f"sphere = {BALL_RADIUS}\n")
+
+
+def box_of_boxes(folder: Path, count: int) -> World:
+    """A hand over a table, and boxes in layers, each turned at random, above a box without a lid."""
+
+    def box(random: np.random.Generator) -> str:
+        quaternion = random.normal(size=4)
+        quaternion /= np.linalg.norm(quaternion)
+        return f"box = {[BOX_SIDE] * 3}\norientation = {[float(v) for v in quaternion]}\n"
+
+    return _heap(folder, count, box)
+
+
+def _heap(folder: Path, count: int, shape: Callable[[np.random.Generator], str]) -> World:
+    """A hand over a table, and objects in layers above a box without a lid; `shape` is the part of one in a scene file."""
     half, wall, x = 0.5 * BIN_SIDE, 0.05, 2.0
     tables = [_box("table", (SIDE, SIDE, 0.1), (0.0, 0.0, -0.05)), _box("floor", (1.0, 1.0, 0.1), (x, 0.0, -0.05))]
     for name, sign in (("left", -1.0), ("right", 1.0)):
@@ -120,14 +141,14 @@ def box_of_balls(folder: Path, count: int) -> World:
         row = np.array([k % a_row, k // a_row % a_row, k // a_row**2])
         corner = (row + 0.5) * 2.5 * BALL_RADIUS + random.uniform(-0.2, 0.2, 3) * BALL_RADIUS - (half, half, 0.0)
         tables.append(
-            f'[[object]]\nname = "ball_{k}"\nclass = "simulated"\nsphere = {BALL_RADIUS}\ndensity = 600.0\n'
+            f'[[object]]\nname = "object_{k}"\nclass = "simulated"\n{shape(random)}density = 600.0\n'
             f'position = {[float(v) for v in corner + np.array([x, 0.0, 0.05])]}\nmaterial = "wood"\n'
         )
     return _load(folder, 1, tables)
 
 
-def slide(name: str, world: World, count: int) -> Experiment:
-    """Every hand of a world of this module goes in circles, its lowest point `OVERLAP` below the table's top."""
+def slide(name: str, world: World, count: int, overlap: float = OVERLAP) -> Experiment:
+    """Every hand of a world of this module goes in circles, its lowest point `overlap` [m] below the table's top."""
     data = make_replay_data(world.scene)
     owner = world.scene.bodies.tree
     lowest = min(
@@ -142,7 +163,7 @@ def slide(name: str, world: World, count: int) -> Experiment:
         for hand in range(world.avatar_count):
             roots[hand, 0] += RADIUS * math.cos(angle)
             roots[hand, 1] += RADIUS * math.sin(angle) + SIDE * hand
-            roots[hand, 2] -= lowest + OVERLAP
+            roots[hand, 2] -= lowest + overlap
         angles = np.full(len(world.dof_names), 0.1 + 0.05 * math.sin(angle))
         frames.append(Frame(index=k, time_ns=round(k * 1e9 / HERTZ), roots=roots, angles=angles, held=False))
     return Experiment(name=name, world=world, frames=frames, decode_ns=np.zeros(0))

@@ -114,36 +114,34 @@ def solve_normal(sim: Simulation, velocity: Floats, k: int) -> float:
 
 @kernel
 def collide(sim: Simulation, velocity: Floats, elastic: float) -> None:
-    """Resolve one collision: the IMPACTING contacts, by (8)–(10).
+    """Resolve one collision: the IMPACTING contacts, by (8)–(10); lists them in `order`.
 
     `elastic` is 1 for the restitution of the materials, 0 for none. The contacts' impulses must be zero on entry.
     """
-    count = sim.counts.contacts
-    members, only, fastest = 0, -1, 0.0
-    for k in range(count):
+    count, fastest = 0, 0.0
+    for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         if r.mode == IMPACTING:
-            members += 1
-            only = k
+            sim.order[count] = k
+            count += 1
             v = normal_speed(velocity, r, r.a, r.b)
             r.target_speed = max(0.0, -elastic * r.restitution * v)
             fastest = max(fastest, -v)
-    if members == 1:
+    if count == 1:
+        only = sim.order[0]
         solve_normal(sim, velocity, only)
         apply_friction_once(sim, velocity, only, sim.contacts[only].friction * sim.contacts[only].normal_impulse)
         return
     for _ in range(SWEEPS):
         most = 0.0
-        for k in range(count):
-            if sim.contacts[k].mode == IMPACTING:
-                most = max(most, solve_normal(sim, velocity, k))
+        for i in range(count):
+            most = max(most, solve_normal(sim, velocity, sim.order[i]))
         if most <= PRECISION * fastest:
             break
     for _ in range(SWEEPS):
         most = 0.0
-        for k in range(count):
-            if sim.contacts[k].mode == IMPACTING:
-                r = sim.contacts[k]
-                most = max(most, solve_friction(sim, velocity, k, r.friction * r.normal_impulse))
+        for i in range(count):
+            r = sim.contacts[sim.order[i]]
+            most = max(most, solve_friction(sim, velocity, sim.order[i], r.friction * r.normal_impulse))
         if most <= PRECISION * fastest:
             break

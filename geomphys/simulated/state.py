@@ -294,7 +294,7 @@ class Simulation(NamedTuple):
     old_pairs: Records  # (N + 1,) PAIR
     old_pair_slots: Records  # (N + 1, 4) SLOT
     contacts: Records  # (K,) CONTACT
-    order: Ints  # (K,) contacts by groups of bodies in contact, while they are solved
+    order: Ints  # (K,) contacts while they are solved: by groups of bodies in contact, or those of a collision
     velocity: Floats  # (B, 6) velocities while contact points are solved
     displacement: Floats  # (B, 6) displacements of position projection
     islands: Records  # (B,) ISLAND, by its label

@@ -123,15 +123,20 @@ def box_free(sim: Simulation, body: int) -> None:
 
 
 @kernel
-def set_extent(sim: Simulation) -> None:
-    """Box of everything that simulated bodies can reach, from the boxes of the bodies."""
+def set_extent(sim: Simulation) -> bool:
+    """Box of everything that simulated bodies can reach, from the boxes of the bodies; returns whether it has grown."""
     low, high = sim.frame.extent_low, sim.frame.extent_high
+    low_before, high_before = vec_of(low), vec_of(high)
     set_vec(low, (math.inf, math.inf, math.inf))
     set_vec(high, (-math.inf, -math.inf, -math.inf))
     for s in range(len(sim.free)):
         box = sim.body_boxes[sim.free[s]]
         for i in range(3):
             low[i], high[i] = min(low[i], box.low[i]), max(high[i], box.high[i])
+    for i in range(3):  # noqa: SIM110 - a kernel cannot take a generator
+        if low[i] < low_before[i] or high[i] > high_before[i]:
+            return True
+    return False
 
 
 @noinline
@@ -149,7 +154,8 @@ def box_changed(sim: Simulation) -> None:
     """Boxes of the changed bodies in the span searched, and of bodies with prescribed motion that were out of reach."""
     for s in range(sim.counts.changed):
         box_free(sim, sim.changed[s])
-    set_extent(sim)
+    if not set_extent(sim):
+        return
     for k in range(len(sim.paths)):
         if sim.body_boxes[sim.paths[k]].low[0] == math.inf:
             box_path(sim, sim.paths[k])
