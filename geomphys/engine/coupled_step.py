@@ -23,7 +23,7 @@ from geomphys.numerics.row_vectors import copy_pose, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import add, add_scaled, norm, scale, slerp, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
-from geomphys.simulated.driven_paths import extrapolated, is_even
+from geomphys.simulated.driven_paths import extrapolated, follow_paths, is_even
 from geomphys.simulated.islands import mark_activation
 from geomphys.simulated.overlap_clearing import clear_overlaps
 from geomphys.simulated.position_projection import LEFT
@@ -80,9 +80,9 @@ def recording_between(scene: Scene, data: ReplayData, roots: Floats, angles: Flo
 
 @noinline
 def fit_recorded_paths(scene: Scene, data: ReplayData, roots: Floats, dt: float, first: bool) -> None:
-    """Accelerations of recorded roots (T, 7) in this frame, estimated from the frames before as those of kinematic bodies."""
+    """Accelerations of the recorded `roots` (T, 7) of driven trees in this frame, as `fit_paths` of kinematic ones."""
     for tree in range(len(scene.trees.role)):
-        if not is_recorded(scene, tree):
+        if scene.trees.role[tree] != DRIVEN:
             continue
         c = data.recorded_path[tree]
         position, change = position_of(roots, tree), (0.0, 0.0, 0.0)
@@ -100,13 +100,13 @@ def fit_recorded_paths(scene: Scene, data: ReplayData, roots: Floats, dt: float,
 
 @noinline
 def curve_path(scene: Scene, data: ReplayData, dt: float, part: int, parts: int) -> None:
-    """Move the end of a substep onto the parabolas of `fit_recorded_paths`, from straight lines.
+    """Move driven trees, at the end of a substep, onto the parabolas of `fit_recorded_paths`, from straight lines.
 
     Of a parabola p + v u + a u (u - dt) / 2, divided evenly, that is by a dt² (parts - part - 1) / (2 parts²).
     """
     factor = -0.5 * dt * dt * (parts - part - 1) / (parts * parts)
     for tree in range(len(scene.trees.role)):
-        if not is_recorded(scene, tree):
+        if scene.trees.role[tree] != DRIVEN:
             continue
         for i in range(3):
             deviation = factor * data.recorded_path[tree].acceleration[i]
@@ -114,6 +114,15 @@ def curve_path(scene: Scene, data: ReplayData, dt: float, part: int, parts: int)
                 data.roots[tree, i] += deviation
                 for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                     data.recorded[body, i] += deviation
+
+
+@noinline
+def pose_kinematic(scene: Scene, data: ReplayData, t: float) -> None:
+    """Recorded poses and roots of kinematic trees at time `t` [s] of the frame: on the paths that the simulated bodies see."""
+    follow_paths(data.simulated, t, data.recorded)
+    for tree in range(len(scene.trees.role)):
+        if is_recorded(scene, tree) and scene.trees.role[tree] != DRIVEN:
+            copy_pose(data.recorded, scene.trees.body_start[tree], data.roots, tree)
 
 
 @kernel

@@ -45,7 +45,7 @@ RECORDED_PATH = np.dtype(
         ("duration", np.float64),  # s, of the frame
     ]
 )
-"""Motion of a recorded root through the last frame."""
+"""Motion of the recorded root of a driven tree through the last frame."""
 
 
 class Method(NamedTuple):

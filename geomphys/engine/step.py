@@ -20,6 +20,7 @@ from geomphys.engine.coupled_step import (
     fit_recorded_paths,
     is_pressed,
     move_together,
+    pose_kinematic,
     recording_between,
     separate_from_simulated,
     simulate_rest,
@@ -46,6 +47,7 @@ from geomphys.results import (
 )
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree, pose_tree
+from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.frame_contacts import deepest_overlap, deepest_overlap_at_start, write_touches
 
 Floats = NDArray[np.float64]
@@ -207,6 +209,8 @@ def step(
     for tree in range(len(data.driven.method)):
         data.driven.method[tree] = GLOBAL
     moves = not first and len(data.simulated.free) > 0 and dt > 0.0
+    if moves:
+        fit_paths(data.simulated, data.recorded, dt)
     for substep in range(substeps):
         last = substep == substeps - 1
         if substep > 0:
@@ -216,6 +220,7 @@ def step(
         if not last:
             recording_between(scene, data, roots, angles, 1.0 / (substeps - substep))
             curve_path(scene, data, dt, substep, substeps)
+            pose_kinematic(scene, data, dt * (substep + 1) / substeps)
         now_at, joint_values = (roots, angles) if last else (data.roots, data.angles)
         t3 = cycles()
         if moves:

@@ -3,26 +3,29 @@
 Only the poses at the frames are known. A kinematic body, which follows the recording whatever is in its way, moves from one
 to the next on a parabola: its acceleration is the change of the mean velocity from frame to frame, extrapolated to the
 middle of this frame, and zero where it reversed. A body that moves smoothly then hits and supports others with its true
-velocity, at any frame rate; one that starts, stops or trembles moves on straight lines. Driven bodies move on straight lines
-within substeps, whose ends lie on such parabolas.
+velocity, at any frame rate; one that starts, stops or trembles moves on straight lines. Its path is that of the whole frame,
+also where driven bodies divide the frame in parts. Driven bodies move on straight lines within such a part, whose ends lie on
+such parabolas.
 """
 
 from __future__ import annotations
 
 import math
 
-from geomphys.jit.kernel import kernel
-from geomphys.numerics.row_vectors import quat_from, set_quat, set_vec, set_vec_from, vec_from, vec_of
+from geomphys.jit.kernel import kernel, noinline
+from geomphys.numerics.row_vectors import quat_from, set_quat, set_quat_from, set_vec, set_vec_from, vec_from, vec_of
 from geomphys.numerics.vec3 import Vec, add_scaled, dot, quat_conjugate, quat_mul, rotation_vector, scale, sub
+from geomphys.scene.arrays import Floats
+from geomphys.simulated.motion import orientation_at, point_at
 from geomphys.simulated.state import Simulation, is_kinematic
 
 UNEVEN = 3.0  # frames whose lengths differ by this factor give no acceleration
 
 
 @kernel
-def mean_velocities(sim: Simulation, body: int) -> tuple[Vec, Vec]:
-    """Mean velocity of the origin [m/s] and mean angular velocity [rad/s] of a body through the frame."""
-    start, end, rate = sim.start[body], sim.end[body], 1.0 / sim.frame.dt
+def mean_velocities(start: Floats, end: Floats, dt: float) -> tuple[Vec, Vec]:
+    """Mean velocity of the origin [m/s] and angular velocity [rad/s] from pose `start` (7,) to `end` (7,), `dt` [s] later."""
+    rate = 1.0 / dt
     rotation = rotation_vector(quat_mul(quat_from(end, 3), quat_conjugate(quat_from(start, 3))))
     return scale(sub(vec_from(end, 0), vec_from(start, 0)), rate), scale(rotation, rate)
 
@@ -47,16 +50,15 @@ def extrapolated(a: Vec, before: Vec) -> Vec:
     return b if square <= most else scale(b, math.sqrt(most / square))
 
 
-@kernel
-def fit_paths(sim: Simulation) -> None:
-    """Accelerations of the kinematic bodies that move for this frame, from the frames before."""
-    dt = sim.frame.dt
+@noinline
+def fit_paths(sim: Simulation, end: Floats, dt: float) -> None:
+    """Paths of the kinematic bodies that move through a frame of `dt` [s], from `start` to the poses `end` (B, 7)."""
     for k in range(len(sim.paths)):
         body = sim.paths[k]
         if not is_kinematic(sim, body):
             continue
-        m = sim.motion[body]
-        v, w = mean_velocities(sim, body)
+        m, start = sim.motion[body], sim.start[body]
+        v, w = mean_velocities(start, end[body], dt)
         last = m.path_duration
         a, b = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if is_even(dt, last):
@@ -64,7 +66,11 @@ def fit_paths(sim: Simulation) -> None:
             a, b = scale(sub(v, vec_from(m.path_velocity, 0)), rate), scale(sub(w, vec_from(m.path_velocity, 3)), rate)
         set_vec(m.acceleration, extrapolated(a, vec_from(m.path_acceleration, 0)))
         set_vec(m.half_angular_acceleration, scale(extrapolated(b, vec_from(m.path_acceleration, 3)), 0.5))
-        m.step_duration = dt
+        m.base_time, m.step_duration = 0.0, dt
+        set_vec(m.position, vec_from(start, 0))
+        set_quat(m.orientation, quat_from(start, 3))
+        set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * dt))
+        set_vec(m.rotation_rate, w)
         set_vec_from(m.path_velocity, 0, v)
         set_vec_from(m.path_velocity, 3, w)
         set_vec_from(m.path_acceleration, 0, a)
@@ -72,16 +78,32 @@ def fit_paths(sim: Simulation) -> None:
         m.path_duration = dt
 
 
+@noinline
+def follow_paths(sim: Simulation, t: float, poses: Floats) -> None:
+    """Set the rows of `poses` (B, 7) of the kinematic bodies that move to where they are at time `t` [s] of the frame."""
+    for k in range(len(sim.paths)):
+        body = sim.paths[k]
+        if is_kinematic(sim, body):
+            m = sim.motion[body]
+            m.base_time = 0.0
+            set_vec_from(poses[body], 0, point_at(m, t))
+            set_quat_from(poses[body], 3, orientation_at(m, t))
+
+
 @kernel
 def set_path(sim: Simulation, body: int) -> None:
-    """Motion of a body that follows its path through the frame, from its pose at the start to the end's."""
-    m, start = sim.motion[body], sim.start[body]
-    v, w = mean_velocities(sim, body)
-    m.base_time = -sim.frame.begun
-    set_vec(m.position, vec_from(start, 0))
-    set_quat(m.orientation, quat_from(start, 3))
-    set_vec(m.velocity, add_scaled(v, vec_of(m.acceleration), -0.5 * sim.frame.dt))
-    set_vec(m.rotation_rate, w)
+    """Motion in the step at hand of a body that is not simulated: along its path, or straight through this part of the frame."""
+    m = sim.motion[body]
+    if is_kinematic(sim, body):
+        m.base_time = -sim.frame.elapsed
+    else:
+        start = sim.start[body]
+        v, w = mean_velocities(start, sim.end[body], sim.frame.dt)
+        m.base_time = -sim.frame.begun
+        set_vec(m.position, vec_from(start, 0))
+        set_quat(m.orientation, quat_from(start, 3))
+        set_vec(m.velocity, v)
+        set_vec(m.rotation_rate, w)
     load_path(sim, body, 0.0)
 
 

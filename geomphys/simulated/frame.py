@@ -25,7 +25,6 @@ from geomphys.numerics.vec3 import (
 from geomphys.results import FLAG_QUARANTINED
 from geomphys.scene.arrays import Floats
 from geomphys.simulated.contact_points import clear_impulses
-from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.integrate import angular_momentum
 from geomphys.simulated.motion import refresh
 from geomphys.simulated.sleeping import REST_TIME, note_rest
@@ -86,8 +85,8 @@ def begin(sim: Simulation, goes_on: bool) -> None:
             body.activation = AWAKE
         if not goes_on:
             body.all_moments = body.collisions = body.bound = 0
+    sim.frame.elapsed = sim.frame.elapsed + sim.frame.step if goes_on else 0.0
     sim.frame.begun, sim.frame.step = 0.0, sim.frame.dt
-    fit_paths(sim)
     sim.counts.contacts = 0
     sim.counts.lost = 0
     for k in range(sim.counts.pairs):
@@ -109,6 +108,7 @@ def go_on(sim: Simulation, h: float) -> int:
             flags |= finish_body(sim, body)
             set_free(sim, body, sim.end[body])
     sim.frame.begun += h
+    sim.frame.elapsed += h
     return flags
 
 

@@ -53,9 +53,9 @@ MOTION = np.dtype(
         ("saved_pose", FLOAT, 7),  # saved pose: reference point and orientation
         ("reported_pose", FLOAT, 7),  # pose last written for the caller
         ("rest_pose", FLOAT, 7),  # reference point and orientation since when it has been at rest
-        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a kinematic body in the frame before
+        ("path_velocity", FLOAT, 6),  # m/s, rad/s: mean velocities of a kinematic body in the last frame
         ("path_acceleration", FLOAT, 6),  # m/s², rad/s²: how they had changed
-        ("path_duration", FLOAT),  # s: how long that frame was
+        ("path_duration", FLOAT),  # s: how long that frame is
     ]
 )
 """Motion of a body."""
@@ -215,7 +215,8 @@ FRAME = np.dtype(
     [
         ("dt", FLOAT),  # s
         ("step", FLOAT),  # s: length of the step at hand
-        ("begun", FLOAT),  # s of the frame: its start
+        ("begun", FLOAT),  # s of this part of the frame: its start
+        ("elapsed", FLOAT),  # s of the frame: the same
         ("gap", FLOAT),  # m: clearance between surfaces in contact
         ("touch", FLOAT),  # m: clearance that counts as touching
         ("restitution_threshold", FLOAT),  # m/s: slower approaches are resting contact

@@ -17,6 +17,7 @@ from geomphys.engine.step import pose_recording
 from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
+from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.update import begin_frame
 from tests.simulated.scenes import Thing, make_scene
 
@@ -43,6 +44,7 @@ class Substep:
         pose_recording(self.scene, self.packed, self.roots, self.angles)
         load_unknowns(self.scene, self.packed, self.roots, self.angles, self.dt)
         predict_end_poses(self.scene, self.packed, self.roots, self.angles, self.dt)
+        fit_paths(self.packed.simulated, m.recorded, self.dt)
         begin_frame(self.packed.simulated, self.dt, GAP, False)
         assert label_groups(self.scene, self.packed)
         activate_group(self.scene, self.packed, -1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Sphere
-from tests.laws.replayed import floor, play, thing, turned
+from tests.laws.replayed import Run, floor, play, thing, turned
 from tests.laws.test_grasp import CUBE, HALF, Task, frictions
 from tests.simulated.scenes import Player, Thing
 
@@ -183,6 +184,31 @@ def test_a_grip_elsewhere_changes_not_a_bit_of_a_heap(tmp_path: Path, rate: floa
         assert run.path("cube")[-1, 2] > HALF + 0.05
         for i in range(3):
             np.testing.assert_array_equal(run.path(f"box_{i}"), alone.path(f"box_{i}"))
+
+
+def swinging_tray(t: float) -> list[float]:
+    """A tray that is swung along y, tilted and turned, smoothly from rest at 0.1 s on."""
+    s = max(0.0, t - 0.1)
+    swing, growth = math.sin(4.0 * s), 1.0 - math.exp(-3.0 * s)
+    return [0.0, 0.15 * growth * swing, 0.3, *turned(0.1 * growth * swing, 0.05 * growth * swing, 0.6 * growth * swing)]
+
+
+@pytest.mark.parametrize("rate", [8.0, 30.0, 60.0, 90.0])
+def test_a_grip_elsewhere_changes_not_a_bit_of_a_load_on_a_tracked_tray(tmp_path: Path, rate: float) -> None:
+    def replayed(name: str, elsewhere: list[str], more: dict[str, Callable[[float], Sequence[float]]]) -> Run:
+        tray = thing("tray", "fixed", topic="/tray", box=(0.6, 0.6, 0.02), material="metal")
+        load = [
+            thing("box", position=(0, 0.05, 0.341), box=(0.1, 0.1, 0.06)),
+            thing("ball", position=(0.1, -0.1, 0.331), sphere=0.02),
+        ]
+        things, paths = [tray, *load, *elsewhere, GROUND_FILE], {"/tray": swinging_tray, **more}
+        return play(tmp_path / name, things, 1.8, rate, pairs=frictions(0.8), paths=paths)
+
+    alone, beside = replayed("alone", [], {}), replayed("beside", *jaws_in_a_scene(AWAY))
+    assert beside.path("cube")[-1, 2] > HALF + 0.05
+    assert np.ptp(alone.path("box")[:, 1]) > 0.1
+    for name in ("tray", "box", "ball"):
+        np.testing.assert_array_equal(beside.path(name), alone.path(name))
 
 
 @pytest.mark.parametrize("rate", [60.0, 240.0])

@@ -14,6 +14,7 @@ from geomphys.jit.packed_records import pack
 from geomphys.scene import arrays as s
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, PosedShape, Shape, Sphere, build_pieces
 from geomphys.simulated.allocation import CAPACITY, Capacity, make_simulation
+from geomphys.simulated.driven_paths import fit_paths
 from geomphys.simulated.update import begin_frame, end_frame
 
 MATERIALS = ("wood", "human", "metal", "ice", "rubber")
@@ -172,6 +173,7 @@ class Player:
 
     def simulate(self, dt: float, max_impacts: int = 200) -> tuple[int, int]:
         """One frame, from `poses` to `end`."""
+        fit_paths(self.packed, self.end, dt)
         return end_frame(self.packed, max_impacts, begin_frame(self.packed, dt, self.gap, False))
 
     def step(self, dt: float, max_impacts: int = 500) -> None:
