@@ -14,9 +14,10 @@ from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, piece_gap
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
-from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_of
-from geomphys.numerics.vec3 import Vec
-from geomphys.scene.arrays import DRIVEN, Pieces, Scene
+from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
+from geomphys.numerics.vec3 import Vec, dot, rotate_back, sub
+from geomphys.scene.arrays import DRIVEN, SIMULATED, Pieces, Scene
+from geomphys.scene.kinematics import frame_position, frame_rotation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -159,6 +160,17 @@ def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes)
 
 
 @kernel
+def box_gap_along(boxes: Boxes, frames: Floats, a: int, b: int, n: Vec) -> float:
+    """How far apart the boxes of two pieces, in the pieces' own frames, are along a direction [m]: no more than the pieces."""
+    gap = dot(n, sub(frame_position(frames, a), frame_position(frames, b)))
+    for side in range(2):
+        i, sign = (a, 1.0) if side == 0 else (b, -1.0)
+        d, h = rotate_back(frame_rotation(frames, i), n), vec_at(boxes.local_half, i)
+        gap += sign * dot(d, vec_at(boxes.local_centre, i)) - abs(d[0]) * h[0] - abs(d[1]) * h[1] - abs(d[2]) * h[2]
+    return gap
+
+
+@kernel
 def append_bound(near: Near, a: int, b: int, tree_a: int, tree_b: int, bound: float, n: Vec) -> None:
     """Add a pair to `near` that is not measured, with a bound on its separation; counts it as lost where the table is full.
 
@@ -212,6 +224,9 @@ def near_bodies(
             if bound > max(enough, BOXES_SUFFICE * limit):
                 append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
                 continue
+            key, slot = _slot_of(scene.pieces, a, b, axes)
+            if box_gap_along(boxes, frames, a, b, _recall(axes, key, slot)) > limit:
+                continue
             bound, along = separation_bound(scene.pieces, frames, a, b, axes)
             if bound > limit:
                 continue
@@ -261,6 +276,21 @@ def near_pairs_within_tree(
 def set_motion_bound(bounds: Records, tree: int, far: float) -> None:
     """Let the pieces of a tree move by `far` [m], in the world and among each other."""
     bounds[tree].world = bounds[tree].joints = far
+
+
+@noinline
+def find_overlaps_with_simulated(scene: Scene, frames: Floats, near: Near, detection: Detection) -> None:
+    """Pairs of pieces of a driven and a simulated tree that touch or overlap, in place of those in `near`.
+
+    As of `find_near`, whose arguments have the same names.
+    """
+    near.counts.filled = 0
+    low, high = detection.boxes.tree_low, detection.boxes.tree_high
+    for tree in range(len(scene.trees.role)):
+        for other in range(len(scene.trees.role)):
+            together = scene.trees.role[tree] == DRIVEN and scene.trees.role[other] == SIMULATED
+            if together and not apart(low, high, low, high, tree, other, 0.0):
+                near_pairs_of_trees(scene, frames, tree, other, 0.0, math.inf, near, detection)
 
 
 @noinline

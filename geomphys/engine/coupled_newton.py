@@ -19,7 +19,7 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, rotate, sub
 
 STEPS = 8  # Newton steps of a proximal step
 HALVINGS = 8  # of a Newton step that does not lessen the residual
-EXACT = 0.1  # of the precision: a proximal step is solved when its residual is no more than this
+EXACT = 0.1  # of the natural residual before it: a proximal step is solved when its own is no more than this
 
 
 @kernel
@@ -119,26 +119,25 @@ def add_to_matrix(c: Coupled, r: Constraint, s: float) -> None:
 @noinline
 def solve_matrix(c: Coupled) -> bool:
     """Gaussian elimination without pivoting: `step` becomes the Newton step. False: the matrix is singular."""
-    rows, a, x, columns = c.solve.rows, c.matrix, c.step, c.columns
+    rows, a, x = c.solve.rows, c.matrix, c.step
     for k in range(rows):
-        pivot, filled = a[k, k], 0
-        if not abs(pivot) > 0.0:
+        if not abs(a[k, k]) > 0.0:
             return False
-        for j in range(k + 1, rows):
-            if a[k, j] != 0.0:
-                columns[filled] = j
-                filled += 1
+        inverse, right = 1.0 / a[k, k], rows - k - 1
+        pivot_row = c.pivot_row[:right]
+        for j in range(right):
+            pivot_row[j] = a[k, k + 1 + j]
         for i in range(k + 1, rows):
-            if a[i, k] != 0.0:
-                factor = a[i, k] / pivot
-                for m in range(filled):
-                    a[i, columns[m]] -= factor * a[k, columns[m]]
+            factor = inverse * a[i, k]
+            if factor != 0.0:
+                row = a[i, k + 1 : rows]  # indexed from 0, LLVM makes vectors of it
+                for j in range(right):
+                    row[j] -= factor * pivot_row[j]
                 x[i] -= factor * x[k]
-    for i in range(rows - 1, -1, -1):
-        total = x[i]
-        for j in range(i + 1, rows):
-            total -= a[i, j] * x[j]
-        x[i] = total / a[i, i]
+    for k in range(rows - 1, -1, -1):
+        x[k] /= a[k, k]
+        for i in range(k):
+            x[i] -= x[k] * a[i, k]
     return True
 
 
@@ -170,10 +169,10 @@ def newton_step(c: Coupled, s: float, size: float) -> float:
 
 
 @noinline
-def proximal_step(c: Coupled, s: float, precision: float) -> bool:
+def proximal_step(c: Coupled, s: float, residual: float) -> bool:
     """One proximal step with contacts that yield by s times their effective mass: new `reference` impulses, and their velocities.
 
-    It is solved to a fraction of `precision` [m/s].
+    It is solved to a fraction of the natural `residual` before it [m/s].
 
     False: Newton's method does not converge, and nothing is changed.
     """
@@ -181,7 +180,7 @@ def proximal_step(c: Coupled, s: float, precision: float) -> bool:
     for i in range(c.solve.rows):
         if c.rows[i].mass > 0.0:
             lightest = min(lightest, c.rows[i].mass)
-    small = lightest * (EXACT * precision) ** 2
+    small = lightest * (EXACT * residual) ** 2
     for _ in range(STEPS):
         if size <= small:
             break

@@ -15,10 +15,10 @@ from geomphys.engine.coupled_system import apply_solution, include_nearly_presse
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.simulated.state import Simulation
 
-PROXIMAL_STEPS = 4  # of the solve of a step
+PROXIMAL_STEPS = 4  # of the solve of a step; up to twice as many where these leave a residual above `CREEPS`
 IMPACT_STEPS = 16  # of that of an impact
 YIELDS = 10.0  # times the effective mass: change of impulse by velocity with which contacts yield in the first of them
-YIELD_GROWTH = 5.0  # of that from one to the next
+YIELD_GROWTH = 5.0  # of that from one to the next; what it is divided by after one that Newton's method does not solve
 MOST_YIELDS = 1000.0
 ROUNDS = 4  # of proximal steps and sweeps
 SWEEPS = 400  # of a round
@@ -32,12 +32,18 @@ REPEATED = 1e-3  # m/s: another round follows on a larger residual
 
 @kernel
 def make_proximal_steps(c: Coupled, steps: int, precision: float) -> float:
-    """Make so many proximal steps, or until the residual is no more than `precision` [m/s]; returns the residual [m/s]."""
+    """Make so many proximal steps, or until the residual is no more than `precision` [m/s]; returns the residual [m/s].
+
+    As many follow, while it is more than `CREEPS`.
+    """
     residual, s = natural_residual(c), YIELDS
-    for _ in range(steps):
-        if residual <= precision or not proximal_step(c, s, precision):
+    for step in range(2 * steps):
+        if residual <= (precision if step < steps else CREEPS):
             break
-        residual, s = natural_residual(c), min(MOST_YIELDS, YIELD_GROWTH * s)
+        if proximal_step(c, s, residual):
+            residual, s = natural_residual(c), min(MOST_YIELDS, YIELD_GROWTH * s)
+        else:
+            s /= YIELD_GROWTH
     return residual
 
 

@@ -17,6 +17,7 @@ from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Scene
 
 FLOAT, INT = np.float64, np.int64
+INDEX = np.uint64  # numba omits the check for negative ones
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Records: TypeAlias = NDArray[Any]
@@ -109,7 +110,7 @@ BLOCK = np.dtype(
 
 TERM = np.dtype(
     [
-        ("row", INT),
+        ("row", INDEX),
         ("jacobian", FLOAT, 3),  # relative velocity along normal, tangent and binormal by the velocity of the row
         ("response", FLOAT, 3),  # minus what that changes the impulses by
     ]
@@ -119,8 +120,8 @@ TERM = np.dtype(
 CONSTRAINT = np.dtype(
     [
         ("number", INT),  # of the contact; from the number of contacts on: that of an inequality
-        ("first_term", INT),  # its entries of the Jacobian
-        ("end_term", INT),
+        ("first_term", INDEX),  # its entries of the Jacobian
+        ("end_term", INDEX),
         ("mass_n", FLOAT),  # kg or kg m²: effective mass along the normal
         ("mass_t", FLOAT),  # the least one across it
         ("friction", FLOAT),
@@ -167,7 +168,7 @@ class Coupled(NamedTuple):
     constraints: Records  # CONSTRAINT
     matrix: Floats  # (R, R) of a Newton step
     step: Floats  # (R,) its right side, then its solution
-    columns: Ints  # (R,) columns of a row that are not zero
+    pivot_row: Floats  # (R,) workspace of its elimination
     body_rows: Ints  # (B,) first row of each body; -1: none
     begin: Posture  # the recording at the start of the substep
     now: Posture  # driven trees, corrected
@@ -200,8 +201,7 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
         unknowns, records, np.zeros((), SOLVE), np.zeros(MAX_EFFECTS if any_simulated else 1, EFFECT),
         np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), np.zeros(rows, ROW), np.zeros(rows // 6, BLOCK),
         np.zeros(some * MAX_TERMS, TERM), np.zeros(some * MAX_CONSTRAINTS, CONSTRAINT), np.zeros((rows, rows)), np.zeros(rows),
-        np.zeros(rows, np.int64),
-        np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses), make_posture(scene, poses),
+        np.zeros(rows), np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses), make_posture(scene, poses),
         make_posture(scene, poses),
     )  # fmt: skip
 

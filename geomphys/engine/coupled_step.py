@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import find_near
+from geomphys.collision.detect import find_overlaps_with_simulated
 from geomphys.collision.sweep import bodies_apart, update_boxes
 from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
@@ -271,9 +271,9 @@ def separate_from_simulated(scene: Scene, data: ReplayData, params: StepParamete
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             update_boxes(scene, p.frames, data.detection.boxes, tree)
-    find_near(scene, p.frames, data.still, 0.0, math.inf, near, data.detection)
+    find_overlaps_with_simulated(scene, p.frames, near, data.detection)
     for k in range(near.counts.filled):
-        if near.separation[k] < -MIN_OVERLAP and scene.trees.role[near.tree_b[k]] == SIMULATED:
+        if near.separation[k] < -MIN_OVERLAP:
             write_simulated_poses(scene, data)
             rounds = separate_by_method(scene, data, params.method)
             write_corrected_poses(scene, data)
