@@ -15,7 +15,7 @@ from geomphys.collision.support import Shapes, feature
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, add_scaled, cross, dot, neg, norm, scale, sub
-from geomphys.scene.arrays import Floats
+from geomphys.scene.arrays import SPHERE, Floats
 
 SLOP = 1e-3
 """m; points whose surfaces lie farther apart than this beyond the deepest ones are no contact."""
@@ -75,6 +75,8 @@ def manifold(shapes: Shapes, a: int, b: int, found: Separation, out_a: Floats, o
     )
     set_vec_at(out_a, 0, pa)
     set_vec_at(out_b, 0, pb)
+    if shapes.pieces.kind[a] == SPHERE or shapes.pieces.kind[b] == SPHERE:
+        return 1
     count, face = feature(shapes, a, neg(n), reference)
     others, other_face = feature(shapes, b, n, incident)
     if count == 1 or others == 1:

@@ -168,13 +168,15 @@ def farthest_corner(core: Core, d: Vec) -> int:
 @kernel
 def face_towards(pieces: Pieces, p: int, d: Vec) -> int:
     """Face of a hull whose normal is nearest to `d`, piece frame."""
+    first, last = pieces.face_start[p], pieces.face_start[p + 1]
+    planes = pieces.planes[first:last]  # indexed from 0, numba omits the check for negative indices
     best, found = -np.inf, 0
-    for f in range(pieces.face_start[p], pieces.face_start[p + 1]):
-        x = dot(vec_at(pieces.planes, f), d)
+    for f in range(last - first):
+        x = dot(vec_at(planes, f), d)
         if x > best:
             best = x
             found = f
-    return found
+    return int(first + found)
 
 
 @kernel

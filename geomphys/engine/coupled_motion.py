@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.driven.postures import copy_tree
 from geomphys.engine.coupled_contacts import find_coupled_contacts, find_inequalities, rotate_arms
 from geomphys.engine.coupled_impacts import load_coupled, next_impact, resolve_impacts
 from geomphys.engine.coupled_impulses import add_responses, apply, impulse_vector, set_inequality_response
@@ -85,7 +86,10 @@ def pose_driven_trees(
         if not solves(scene, c, tree):
             continue
         pose_driven(scene, data, tree, roots, angles, t / dt, c.now)
-        pose_driven(scene, data, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
+        if h > 0.0:
+            pose_driven(scene, data, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
+        else:
+            copy_tree(scene, c.now, tree, c.after)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             k = data.simulated.motion[body]
             k.base_time = t
@@ -346,5 +350,5 @@ def advance_together(scene: Scene, data: ReplayData, roots: Floats, angles: Floa
     for tree in range(len(scene.trees.role)):
         if solves(scene, data.coupled, tree):
             relax_rotation(scene, data.coupled, tree, dt)
-            pose_driven(scene, data, tree, roots, angles, 1.0, data.coupled.after)
+    pose_driven_trees(scene, data, roots, angles, dt, 0.0, dt)
     return impacts

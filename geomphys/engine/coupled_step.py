@@ -13,7 +13,7 @@ from geomphys.driven.coupling import relax
 from geomphys.driven.postures import copy_tree, is_recorded
 from geomphys.driven.state import PRESCRIBED, WAS_PRESCRIBED
 from geomphys.engine.coupled_groups import activate_group, label_groups
-from geomphys.engine.coupled_motion import advance_together, pose_driven_trees
+from geomphys.engine.coupled_motion import advance_together
 from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import end_unknown, first_unknown, load_unknowns, pose_driven
 from geomphys.engine.methods import separate_by_method
@@ -236,7 +236,6 @@ def move_together(
             if c.trees[group].group == group:
                 activate_group(scene, data, group)
                 impacts += advance_together(scene, data, roots, angles, dt)
-                pose_driven_trees(scene, data, roots, angles, dt, 0.0, dt)
                 mark_activation(data.simulated, COUPLED)
                 clear_overlaps(data.simulated, dt, LEFT * gap)
         activate_group(scene, data, -1)
