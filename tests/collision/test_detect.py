@@ -7,25 +7,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from geomphys.collision.detect import (
     MOTION_BOUND,
     Detection,
     append_bound,
     append_pair,
+    box_gap_along,
     find_near,
+    find_overlaps_with_simulated,
     make_axes,
     make_near,
     measure_near,
 )
+from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import make_scratch
-from geomphys.collision.support import pose_pieces
+from geomphys.collision.support import Shapes, pose_pieces
 from geomphys.collision.sweep import make_boxes, update_boxes
 from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_recorded, pose_recording
 from geomphys.jit.packed_records import pack
-from geomphys.scene.arrays import DRIVEN, FIXED
-from geomphys.scene.pieces import Sphere
+from geomphys.scene.arrays import DRIVEN, FIXED, SIMULATED
+from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.driven.logs import Engine, Run, play
 from tests.laws.test_driven_random import random_scene
 from tests.simulated.scenes import Thing, make_scene
@@ -158,3 +162,39 @@ def test_a_pair_beyond_the_table_is_counted_and_changes_none_that_is_in_it() -> 
     append_pair(packed, 3, 5, 0, 1, (0.03, nothing, nothing, nothing))
     assert (int(near.counts["filled"]), int(near.counts["lost"])) == (2, 2)
     assert (near.a.tolist(), near.exact.tolist(), near.separation.tolist()) == ([0, 1], [1, 0], [0.0, 0.01])
+
+
+@pytest.mark.parametrize(
+    ("shape", "exact"),
+    [
+        (Box((0.1, 0.2, 0.3)), True),
+        (Capsule(0.02, 0.1), False),
+        (Cylinder(0.1, 0.05), False),
+        (Hull(np.array([(0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.15), (-0.1, -0.1, -0.1)])), False),
+    ],
+)
+def test_boxes_of_pieces_are_never_farther_apart_along_a_direction_than_the_pieces(shape: Shape, exact: bool) -> None:
+    turns = Rotation.random(2, random_state=3).as_quat()
+    scene = make_scene([Thing(shape=shape, at=(0.3 * k, -0.2 * k, 0.1), turn=turns[k]) for k in range(2)])
+    frames = np.zeros((2, 12))
+    pose_pieces(pack(scene.pieces), scene.trees.rest, frames)
+    shapes, boxes = Shapes(pack(scene.pieces), frames), pack(make_boxes(scene, frames))
+    for n in Rotation.random(50, random_state=1).apply([0.0, 0.0, 1.0]):
+        gap = gap_along(shapes, 0, 1, tuple(n))
+        found = box_gap_along(boxes, frames, 0, 1, tuple(n))
+        assert found == pytest.approx(gap, abs=1e-12) if exact else found <= gap + 1e-12
+
+
+def test_overlaps_with_simulated_bodies_are_of_these_alone() -> None:
+    """A driven ball is in a simulated and in a fixed one, and another driven one in it; it touches none of the others."""
+    at = [(0, 0, 0), (0.09, 0, 0), (0, 0.08, 0), (0, 0, 0.07), (0.2, 0, 0)]
+    roles = [DRIVEN, SIMULATED, FIXED, DRIVEN, SIMULATED]
+    scene = make_scene([Thing(shape=Sphere(0.05), role=r, at=x) for r, x in zip(roles, at, strict=True)])
+    data = make_replay_data(scene)
+    near = data.workspace.near
+    frames = data.workspace.piece_frames.frames
+    find_overlaps_with_simulated(pack(scene), frames, pack(near), pack(data.detection))
+    pieces = scene.bodies.role[scene.pieces.body]
+    assert near.counts["filled"] == 1
+    assert (pieces[near.a[0]], pieces[near.b[0]]) == (DRIVEN, SIMULATED)
+    assert near.separation[0] == pytest.approx(-0.01, abs=1e-12)
