@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from geomphys.engine.coupled_contacts import add_effect, add_inequality
 from geomphys.engine.coupled_impulses import set_inequality_response
 from geomphys.engine.coupled_motion import solve_step
-from geomphys.engine.coupled_newton import proximal_step
-from geomphys.engine.coupled_solve import CREEPS, IMPACT_PRECISION, IMPACT_STEPS, PRECISION, solve_contacts
-from geomphys.engine.coupled_state import ROW
+from geomphys.engine.coupled_newton import natural_residual, proximal_step
+from geomphys.engine.coupled_solve import (
+    CREEPS,
+    IMPACT_PRECISION,
+    IMPACT_STEPS,
+    MOST_YIELDS,
+    PRECISION,
+    PROXIMAL_STEPS,
+    YIELD_GROWTH,
+    YIELDS,
+    make_proximal_steps,
+    solve_contacts,
+)
+from geomphys.engine.coupled_state import CONSTRAINT, ROW
 from geomphys.engine.coupled_sweeps import extrapolate, residual_of, update_inequality
 from geomphys.engine.coupled_system import apply_solution, include_nearly_pressed, include_violated, make_system
 from geomphys.engine.state import ReplayData, make_replay_data
@@ -180,3 +193,40 @@ def test_too_many_bodies_for_the_tables_are_solved_by_sweeps() -> None:
         found.append(stage.data.simulated.velocity[1].copy())
     assert found[0] == pytest.approx(found[1], abs=CREEPS)
     assert not np.array_equal(found[0], found[1])
+
+
+def random_contacts(data: ReplayData, seed: int) -> Any:
+    """Three contacts, with a friction of 1, of six velocities of unit masses, in random directions: the packed tables."""
+    c, random = data.coupled, np.random.default_rng(seed)
+    jacobian, off_target = random.normal(size=(3, 3, 6)), random.normal(size=(3, 3))
+    c.solve["rows"], c.solve["terms"], c.solve["constraints"] = 6, 18, 3
+    c.rows[:6], c.constraints[:3] = np.zeros(6, ROW), np.zeros(3, CONSTRAINT)
+    c.rows["mass"][:6] = 1.0
+    for i, r in enumerate(c.constraints[:3]):
+        terms, (n, t, b) = slice(6 * i, 6 * i + 6), jacobian[i]
+        c.terms["row"][terms], c.terms["jacobian"][terms] = np.arange(6), jacobian[i].T
+        r["first_term"], r["end_term"], r["friction"], r["off_target"] = terms.start, terms.stop, 1.0, off_target[i]
+        r["mass_n"], r["mass_t"] = 1.0 / (n @ n), 1.0 / np.linalg.norm([[t @ t, t @ b], [t @ b, b @ b]], 2)
+    return pack(c)
+
+
+def plain_proximal_steps(tables: Any) -> tuple[float, bool]:
+    """Proximal steps in which contacts yield ever less: the residual that is left, and whether all were solved."""
+    residual, s = natural_residual(tables), YIELDS
+    for _ in range(PROXIMAL_STEPS):
+        if not proximal_step(tables, s, residual):
+            return residual, False
+        residual, s = natural_residual(tables), min(MOST_YIELDS, YIELD_GROWTH * s)
+    return residual, True
+
+
+@pytest.mark.parametrize(
+    ("seed", "solved"), [(56, False), (79, False), (209, False), (20, True), (31, True), (160, True)]
+)
+def test_contacts_yield_more_where_newtons_method_fails_and_steps_go_on_while_the_residual_is_large(
+    data: ReplayData, seed: int, solved: bool
+) -> None:
+    residual, all_solved = plain_proximal_steps(random_contacts(data, seed))
+    assert residual > CREEPS
+    assert all_solved == solved
+    assert make_proximal_steps(random_contacts(data, seed), PROXIMAL_STEPS, PRECISION) <= CREEPS
