@@ -19,7 +19,7 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, rotate, sub
 
 STEPS = 8  # Newton steps of a proximal step
 HALVINGS = 8  # of a Newton step that does not lessen the residual
-EXACT = 0.1  # of the natural residual before it: a proximal step is solved when its own is no more than this
+EXACT = 0.1  # of the precision: a proximal step is solved when its residual is no more than this
 
 
 @kernel
@@ -169,10 +169,10 @@ def newton_step(c: Coupled, s: float, size: float) -> float:
 
 
 @noinline
-def proximal_step(c: Coupled, s: float, residual: float) -> bool:
+def proximal_step(c: Coupled, s: float, precision: float) -> bool:
     """One proximal step with contacts that yield by s times their effective mass: new `reference` impulses, and their velocities.
 
-    It is solved to a fraction of the natural `residual` before it [m/s].
+    It is solved to a fraction of `precision` [m/s].
 
     False: Newton's method does not converge, and nothing is changed.
     """
@@ -180,7 +180,7 @@ def proximal_step(c: Coupled, s: float, residual: float) -> bool:
     for i in range(c.solve.rows):
         if c.rows[i].mass > 0.0:
             lightest = min(lightest, c.rows[i].mass)
-    small = lightest * (EXACT * residual) ** 2
+    small = lightest * (EXACT * precision) ** 2
     for _ in range(STEPS):
         if size <= small:
             break

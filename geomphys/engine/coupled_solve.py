@@ -40,7 +40,7 @@ def make_proximal_steps(c: Coupled, steps: int, precision: float) -> float:
     for step in range(2 * steps):
         if residual <= (precision if step < steps else CREEPS):
             break
-        if proximal_step(c, s, residual):
+        if proximal_step(c, s, precision):
             residual, s = natural_residual(c), min(MOST_YIELDS, YIELD_GROWTH * s)
         else:
             s /= YIELD_GROWTH
