@@ -2,8 +2,8 @@
 
 A penalty term moves the gap of a link at the end of a chain to the recorded one, or to zero where it was recorded inside, by
 the joints of its own chain alone, so that it does not move the palm. Only contacts with fixed or tracked bodies count: between
-two hands the term makes motion worse. The fingers of a rigid hand close no faster than `Weights.closing_speed`: otherwise they
-would jump to an object that the hand was translated away from.
+two hands the term makes motion worse. How fast fingers close is bounded by how fast the hand was recorded to move
+(`Weights.closing_share`, `Weights.closing_speed`): otherwise they would jump to an object once they are recorded near it.
 """
 
 from __future__ import annotations

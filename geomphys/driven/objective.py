@@ -277,16 +277,20 @@ def _add_joint_terms(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: in
 
     Goals, not their last offsets: a finger that nothing touches relaxes as fast whether or not another one is in contact. One of
     the terms has the same lever for all joints of a tree: in the metric of the links alone what a fingertip is moved by, tracker
-    noise too, is left to the last joint, whose lever is the shortest and which trembles most.
+    noise too, is left to the last joint, whose lever is the shortest and which trembles most. That term grows in a grip: joints
+    of fingers that have closed on something stop together; otherwise the last ones would go back as the first close further.
     """
     cost, work = 0.0, ws.work
-    smooth = ws.weights.rigid_smooth if is_rigid(scene, tree) else ws.weights.smooth
+    smooth, posture = ws.weights.rigid_smooth, ws.weights.posture
+    if not is_rigid(scene, tree):
+        smooth = ws.weights.smooth
+        posture += ws.weights.grip_posture * work.grip[tree]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
         if i < 0:
             continue
         away = angles[q] - work.preferred[q]
-        weight = smooth * ws.links.lever[q] ** 2 + ws.weights.posture * ws.links.mean_lever[q] ** 2
+        weight = smooth * ws.links.lever[q] ** 2 + posture * ws.links.mean_lever[q] ** 2
         ws.problem.hessian[i, i] += weight
         ws.problem.gradient[i] += weight * away
         cost += 0.5 * weight * away * away

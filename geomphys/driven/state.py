@@ -100,6 +100,16 @@ LINK_OFFSET = np.dtype(
 )
 """Offset of a link from its recorded pose, and its rates."""
 
+TREMOR = np.dtype(
+    [
+        ("translation", np.float64, 3),  # m, of the pivot's filtered from its recorded pose, world
+        ("rotation", np.float64, 3),  # rad, rotation vector, world
+        ("velocity", np.float64, 3),  # m/s, of the filtered pose against what is gripped
+        ("angular_velocity", np.float64, 3),  # rad/s
+    ]
+)
+"""Filter of the recorded pose of a tree that grips something: see `tremor`."""
+
 COMPOSITE_INERTIA = np.dtype(
     [
         ("mass", np.float64),
@@ -125,6 +135,7 @@ class DrivenState(NamedTuple):
     last: Posture  # everything at the end of the last step, corrected
     recorded: Posture  # the recording of the last step
     link_offsets: Records  # (B,) LINK_OFFSET
+    tremor: Records  # (T,) TREMOR
     general_motion: Ints  # (T,) 1: the offsets are more than a translation of the tree
     mean_tip: Floats  # (B, 3) m, mean recorded centre of each fingertip of a rigid tree, in the frame of its palm
     used_low: Floats  # (Q,) the least angle recorded so far
@@ -152,6 +163,7 @@ class SearchWorkspace(NamedTuple):
     best: Posture  # the best free iterate
     start: Posture  # a free start
     goal: Posture  # goal by the coupling
+    filtered: Posture  # the recording without the tremor of grips; angles unused
     target: Floats  # (B, 7) target of each link: of its centre, its orientation
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
@@ -181,6 +193,7 @@ class SearchWorkspace(NamedTuple):
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
+    grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
     unit: Floats  # (Q,) ones
     iterations: int  # bound on the iterations of a search
@@ -214,6 +227,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         last=make_posture(scene, poses),
         recorded=make_posture(scene, poses),
         link_offsets=np.zeros(bodies, LINK_OFFSET),
+        tremor=np.zeros(trees, TREMOR),
         general_motion=np.zeros(trees, np.int64),
         mean_tip=np.zeros((bodies, 3)),
         used_low=np.full(dofs, np.inf),
@@ -247,6 +261,7 @@ def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> Searc
         best=make_posture(scene, poses),
         start=make_posture(scene, poses),
         goal=make_posture(scene, poses),
+        filtered=make_posture(scene, poses),
         target=np.zeros((bodies, 7)),
         cached_target=np.zeros((bodies, 7)),
         anchor=np.zeros((bodies, 3)),
@@ -276,6 +291,7 @@ def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> Searc
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
         closing=np.zeros(trees),
+        grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),
         unit=np.ones(dofs),
         iterations=iterations,

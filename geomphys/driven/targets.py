@@ -6,8 +6,6 @@ for each link, of its centre and of its rotation, in the world: so they do not d
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -196,7 +194,7 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
             motion = max(motion, norm(path))
         ws.work.deviation_limit[tree] = max(MIN_DEVIATION, DEVIATION_PER_MOTION * motion)
         ws.work.translation_limit[tree] = ws.weights.translation_speed * dt
-        ws.work.closing[tree] = ws.weights.closing_speed * dt if is_rigid(scene, tree) else math.inf
+        ws.work.closing[tree] = ws.weights.closing_speed * dt + ws.weights.closing_share * motion
 
 
 @kernel

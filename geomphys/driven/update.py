@@ -45,6 +45,7 @@ from geomphys.driven.state import (
 )
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.driven.targets import clear_offsets, set_link_targets, store_offsets
+from geomphys.driven.tremor import filter_tremor
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -119,18 +120,35 @@ def update_driven(
     gap
         m; clearance kept.
     """
+    for tree in range(len(scene.trees.role)):
+        if state.prescription[tree] == PRESCRIBED:
+            drop_touches(scene, ws, tree)
+        if scene.trees.moving[tree] == 1:
+            copy_tree(scene, state.last, tree, ws.work.before)
+    if filter_tremor(scene, state, ws, roots, angles, recorded, dt):
+        filtered = ws.work.filtered
+        return _update(scene, state, ws, filtered.roots, angles, filtered.poses, dt, gap)
+    return _update(scene, state, ws, roots, angles, recorded, dt, gap)
+
+
+@noinline
+def _update(
+    scene: Scene,
+    state: DrivenState,
+    ws: DrivenWorkspace,
+    roots: Floats,
+    angles: Floats,
+    recorded: Floats,
+    dt: float,
+    gap: float,
+) -> Outcome:
+    """`update_driven` to goals whose tremor is filtered; postures at the start of the step are in `SearchWorkspace.before`."""
     work, first = ws.work, state.progress.start != STARTED_FREE
     state.progress.dt = 0.0 if first else dt
     if first:
         for tree in range(len(scene.trees.role)):
             if scene.trees.role[tree] == DRIVEN:
                 clear_offsets(scene, state, tree)
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.moving[tree] == 1:
-            copy_tree(scene, state.last, tree, work.before)
-    for tree in range(len(scene.trees.role)):
-        if state.prescription[tree] == PRESCRIBED:
-            drop_touches(scene, ws, tree)
     set_joint_limits(scene, state, ws, angles)
     set_link_targets(scene, state, ws, recorded, 0.0 if first else dt)
     if first:

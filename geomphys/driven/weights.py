@@ -20,9 +20,14 @@ class Weights(NamedTuple):
     )
     rigid_smooth: float = 0.3  # the same in a rigid tree
     posture: float = 0.06  # of mean levers²: the same; more: distal joints move less
+    grip_posture: float = 0.6  # the same, in addition, in chains of a hand that grips something
+    tremor: float = (
+        0.7e-3  # m: size of the noise that is filtered out of the pose of a hand in a grip; more: it lags more
+    )
     contact: float = 3.0  # mean weights of a link: penalty of the gap of a fingertip recorded in contact
     rigid_contact: float = 25.0  # the same in a rigid tree, whose joints have a higher weight,
-    closing_speed: float = 0.1  # m/s: and there no faster than this
+    closing_speed: float = 0.02  # m/s: and no faster than this
+    closing_share: float = 0.5  # and this times the fastest recorded motion of a link
     offset_rate: float = 0.7  # share of the rate at which contacts change an offset that it keeps when they end
     growth_rate: float = 0.35  # the same in chains of one that grew; more: smoother under a blow, but it overshoots
     unusual: float = 1.0  # of lever²: a joint more than `stretch` beyond the range of the recording

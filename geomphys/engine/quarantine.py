@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.targets import clear_link_offset, store_tree_offsets
+from geomphys.driven.tremor import clear_tremor
 from geomphys.engine.state import ReplayData
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.results import FLAG_QUARANTINED
@@ -77,6 +78,7 @@ def _put_back(scene: Scene, data: ReplayData, tree: int, roots: Floats, angles: 
         clear_link_offset(state, body)
     for i in range(3):
         state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
+    clear_tremor(state, tree)
     state.progress.dt = 0.0  # at rest: contacts give its offsets no rate
     store_tree_offsets(scene, state, data.workspace, tree, data.recorded, not first)
     pose_pieces_of_tree(scene, tree, data.corrected, p.frames)
