@@ -46,6 +46,7 @@ Floats = NDArray[np.float64]
 ARM = 0.1  # m: lever of a rotation in |x - y|
 FREQUENCY = 2.0 * math.pi * 2.0  # rad/s: w0
 FULL_GRIP = 3e-3  # m: depth of a grip from which on it counts as firm
+NO_GRIP = 1e-6  # a looser grip counts as none
 FARTHEST = 2.0  # times r: |x - y| at most
 
 
@@ -89,11 +90,11 @@ def _motion_of_gripped(scene: Scene, ws: DrivenWorkspace, tree: int, recorded: F
         if scene.trees.moving[scene.bodies.tree[body]] == 0:
             continue
         before = work.before.poses
-        turn = quat_mul(orientation_of(recorded, body), quat_conjugate(orientation_of(before, body)))
+        change = quat_mul(orientation_of(recorded, body), quat_conjugate(orientation_of(before, body)))
         arm = sub(point, position_of(before, body))
-        moved = add(sub(position_of(recorded, body), point), quat_rotate(turn, arm))
+        moved = add(sub(position_of(recorded, body), point), quat_rotate(change, arm))
         displacement = add_scaled(displacement, moved, weight)
-        rotation = add_scaled(rotation, rotation_vector(turn), weight)
+        rotation = add_scaled(rotation, rotation_vector(change), weight)
     return (scale(displacement, 1.0 / total), scale(rotation, 1.0 / total)) if total > 0.0 else (displacement, rotation)
 
 
@@ -102,7 +103,7 @@ def _follow(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, re
     """Advance the filter of a tree by `dt` [s]; whether it changes the pose."""
     grip = min(_grip_depth(scene, ws, tree) / FULL_GRIP, 1.0)
     ws.work.grip[tree] = grip
-    if grip == 0.0 or ws.weights.tremor == 0.0 or dt == 0.0 or state.progress.start != STARTED_FREE:
+    if grip < NO_GRIP or ws.weights.tremor == 0.0 or dt == 0.0 or state.progress.start != STARTED_FREE:
         clear_tremor(state, tree)
         return False
     t, pivot = state.tremor[tree], ws.links.pivot[tree]
@@ -110,21 +111,21 @@ def _follow(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, re
     displacement, rotation = _motion_of_gripped(scene, ws, tree, recorded, last)
     away = sub(add(last, displacement), link_centre(ws, recorded, pivot))
     q = quat_mul(quat_from_rotation_vector(rotation), q)
-    turned = rotation_vector(quat_mul(q, quat_conjugate(orientation_of(recorded, pivot))))
+    away_rotation = rotation_vector(quat_mul(q, quat_conjugate(orientation_of(recorded, pivot))))
     v, omega = vec_of(t.velocity), vec_of(t.angular_velocity)
     if vec_of(t.translation) == (0.0, 0.0, 0.0) and vec_of(t.rotation) == (0.0, 0.0, 0.0):
-        v, omega = scale(away, -1.0 / dt), scale(turned, -1.0 / dt)
+        v, omega = scale(away, -1.0 / dt), scale(away_rotation, -1.0 / dt)
     r = ws.weights.tremor * grip
-    square = dot(away, away) + ARM * ARM * dot(turned, turned)
+    square = dot(away, away) + ARM * ARM * dot(away_rotation, away_rotation)
     step = dt * FREQUENCY * (1.0 + square / (r * r))
     loss = 1.0 / (1.0 + step) ** 2
     v = scale(add_scaled(v, away, -step * step / dt), loss)
-    omega = scale(add_scaled(omega, turned, -step * step / dt), loss)
-    moved, rotated = add_scaled(away, v, dt), add_scaled(turned, omega, dt)
+    omega = scale(add_scaled(omega, away_rotation, -step * step / dt), loss)
+    moved, rotated = add_scaled(away, v, dt), add_scaled(away_rotation, omega, dt)
     size = math.sqrt(dot(moved, moved) + ARM * ARM * dot(rotated, rotated))
     if size > FARTHEST * r:
         moved, rotated = scale(moved, FARTHEST * r / size), scale(rotated, FARTHEST * r / size)
-        v, omega = scale(sub(moved, away), 1.0 / dt), scale(sub(rotated, turned), 1.0 / dt)
+        v, omega = scale(sub(moved, away), 1.0 / dt), scale(sub(rotated, away_rotation), 1.0 / dt)
     set_vec(t.translation, moved)
     set_vec(t.rotation, rotated)
     set_vec(t.velocity, v)
@@ -160,8 +161,11 @@ def filter_tremor(
         t = state.tremor[tree]
         if vec_of(t.translation) == (0.0, 0.0, 0.0) and vec_of(t.rotation) == (0.0, 0.0, 0.0):
             continue
-        centre, turn = link_centre(ws, recorded, ws.links.pivot[tree]), quat_from_rotation_vector(vec_of(t.rotation))
-        p = add(add(centre, vec_of(t.translation)), quat_rotate(turn, sub(position_of(roots, tree), centre)))
-        set_pose(filtered.roots, tree, p, quat_unit(quat_mul(turn, orientation_of(roots, tree))))
+        centre, rotation = (
+            link_centre(ws, recorded, ws.links.pivot[tree]),
+            quat_from_rotation_vector(vec_of(t.rotation)),
+        )
+        p = add(add(centre, vec_of(t.translation)), quat_rotate(rotation, sub(position_of(roots, tree), centre)))
+        set_pose(filtered.roots, tree, p, quat_unit(quat_mul(rotation, orientation_of(roots, tree))))
         pose_tree(scene, ws.origins, tree, filtered.roots, angles, filtered.poses)
     return True
