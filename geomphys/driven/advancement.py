@@ -108,24 +108,41 @@ def _attached_direction(before: Floats, after: Floats, body: int, fraction: floa
     return quat_rotate(slerp((0.0, 0.0, 0.0, 1.0), rotation, fraction), n)
 
 
+@kernel
+def _curvature(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> float:
+    """Bound on the second derivative, over the fraction of the path, of a gap along a direction attached to the piece that
+    rotates most [m].
+    """
+    motion, swing = pair_motion(scene, before, after, a, b)
+    angle_a = rotation_between(before, after, scene.pieces.body[a])
+    angle_b = rotation_between(before, after, scene.pieces.body[b])
+    larger, apart = max(angle_a, angle_b), norm(sub(_centre(scene, before, a), _centre(scene, before, b)))
+    return (angle_a + angle_b) * swing + larger * (larger * apart + 2.0 * (motion - swing))
+
+
 @noinline
 def is_separated_on_path(
-    scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, motion: float, frames: Floats
+    scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, gap: float, motion: float, frames: Floats
 ) -> bool:
-    """Whether a direction that separates two pieces at `after` separates them at `before` too, with little rotation in between.
+    """Whether a direction that separates two pieces by `gap` [m] at `after` separates them on their whole path from `before`.
 
-    Then it separates them on the whole path, up to the tolerated overlap. `motion` [m] bounds their relative motion;
-    `frames` (P, 12) is scratch.
+    It does, up to the tolerated overlap, where it separates them at `before` too, with little rotation in between; where they
+    rotate more, attached to the piece that rotates most. `motion` [m] bounds their relative motion; `frames` (P, 12) is scratch.
     """
-    rotation = rotation_between(before, after, scene.pieces.body[a]) + rotation_between(
-        before, after, scene.pieces.body[b]
-    )
-    deep = path_tolerance(scene, a, b)
-    if rotation * motion > deep:
-        return False
+    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
+    angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
+    deep, bulge = path_tolerance(scene, a, b), 0.0
+    if (angle_a + angle_b) * motion > deep:
+        bulge = _curvature(scene, before, after, a, b) / 8.0
+        if bulge > 0.5 * deep + max(gap, 0.0):
+            return False
+        reference = body_a if angle_a > angle_b else body_b
+        rotation = quat_mul(orientation_of(before, reference), quat_conjugate(orientation_of(after, reference)))
+        n = quat_rotate(rotation, n)
     pose_piece(scene.pieces, before, frames, a)
     pose_piece(scene.pieces, before, frames, b)
-    return gap_along(shapes_of(scene.pieces, frames), a, b, n) > -deep
+    gap_before = gap_along(shapes_of(scene.pieces, frames), a, b, n)
+    return gap_before > -deep and bulge <= 0.5 * deep + max(min(gap, gap_before), 0.0)
 
 
 @noinline
@@ -136,17 +153,14 @@ def path_is_free(
 
     `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not checked.
     """
-    motion, swing = pair_motion(scene, before, after, a, b)
+    motion, _ = pair_motion(scene, before, after, a, b)
     if motion == 0.0:
         return True
     deep = path_tolerance(scene, a, b)
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     reference = body_a if angle_a > angle_b else body_b
-    apart = norm(sub(_centre(scene, before, a), _centre(scene, before, b)))
-    curvature = (angle_a + angle_b) * swing + max(angle_a, angle_b) * (
-        max(angle_a, angle_b) * apart + 2.0 * (motion - swing)
-    )
+    curvature = _curvature(scene, before, after, a, b)
     t, moved_by = 0.0, 1.0
     for _ in range(MAX_ADVANCEMENTS):
         _pose_between(scene, before, after, a, t, frames)

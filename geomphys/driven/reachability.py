@@ -113,7 +113,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
         s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s > motion or (
         s >= 0.0
-        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, motion, ws.piece_frames.moved)
+        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, s, motion, ws.piece_frames.moved)
     ):
         return True
     return path_is_free(
@@ -227,7 +227,7 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
         if s < 0.0:
             return IN_COLLISION
         if s <= motion and not is_separated_on_path(
-            scene, work.before.poses, posture.poses, a, b, n, motion, p.moved
+            scene, work.before.poses, posture.poses, a, b, n, s, motion, p.moved
         ) and not path_is_free(
             scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip

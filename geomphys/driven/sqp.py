@@ -120,7 +120,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, f
             return False, least
         short = s + trial_separation >= motion or gap_at_trial > -path_tolerance(scene, a, b)
         short = short or is_separated_on_path(
-            scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved
+            scene, work.iterate.poses, work.trial.poses, a, b, n, trial_separation, motion, ws.piece_frames.moved
         )  # fmt: skip
         if not short and not path_is_free(
             scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
@@ -161,7 +161,9 @@ def _is_certified(
     a, b, work = ws.near.a[k], ws.near.b[k], ws.work
     if gap_at_trial > -path_tolerance(scene, a, b) or ws.near.separation[k] + separation >= motion:
         return True
-    return is_separated_on_path(scene, work.iterate.poses, work.trial.poses, a, b, n, motion, ws.piece_frames.moved)
+    return is_separated_on_path(
+        scene, work.iterate.poses, work.trial.poses, a, b, n, separation, motion, ws.piece_frames.moved
+    )
 
 
 @kernel

@@ -89,7 +89,7 @@ def test_a_direction_that_parts_both_ends_parts_a_path_of_little_rotation() -> N
         way = Way(rng, fast=0.03)
         found, n = way.separations()
         motion, _ = pair_motion(way.scene, way.before, way.after, 0, 1)
-        if found[-1] > 0.0 and is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, motion, way.frames):
+        if found[-1] > 0.0 and is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, found[-1], motion, way.frames):
             parted += 1
             assert found.min() > -1.5 * path_tolerance(way.scene, 0, 1)
     assert parted > 10
@@ -109,7 +109,7 @@ def test_a_rod_that_sweeps_through_something_is_blocked_though_both_ends_are_par
     assert found.min() < -0.01
     motion, swing = pair_motion(way.scene, way.before, way.after, 0, 1)
     assert motion == swing > 0.3
-    assert not is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, motion, way.frames)
+    assert not is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, found[-1], motion, way.frames)
     assert not way.is_free()
     way.after[0, 3:] = Rotation.from_rotvec([0, 0, 0.2]).as_quat()
     assert way.is_free()
