@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.extent import gap_along
-from geomphys.collision.penetration import Scratch, Separation, separation
+from geomphys.collision.penetration import Scratch, Separation, separate, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, piece_gap
 from geomphys.jit.kernel import kernel, noinline
@@ -24,7 +24,8 @@ Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
-BOXES_SUFFICE = 0.5  # of the limit: pairs whose boxes are farther apart are listed with that bound, without a direction
+ROUGH = 0.9  # of the separation: where only a bound is needed
+BOXES_SUFFICE = 0.2  # of the limit: pairs whose boxes are farther apart are listed with that bound, without a direction
 
 
 PAIR_COUNTS = np.dtype(
@@ -130,6 +131,17 @@ def pair_separation(
     s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
     _remember(axes, key, slot, n)
     return s, n, pa, pb
+
+
+@kernel
+def rough_separation(
+    pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
+) -> tuple[float, Vec]:
+    """A lower bound, `ROUGH` of the separation or more, where pieces a and b are apart, and its direction; below 0 where not."""
+    key, slot = _slot_of(pieces, a, b, axes)
+    s, n, _, _ = separate(shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot), ROUGH, scratch)
+    _remember(axes, key, slot, n)
+    return s, n
 
 
 @kernel

@@ -136,9 +136,21 @@ def set_corner(corners: Corners, i: int, w: Vec, p: Vec) -> None:
 
 @kernel
 def closest(
-    a: Core, b: Core, rot: Rot, t: Vec, size: float, limit: float, start: Vec, simplex: Corners
+    a: Core,
+    b: Core,
+    rot: Rot,
+    t: Vec,
+    size: float,
+    limit: float,
+    start: Vec,
+    radius: float,
+    share: float,
+    simplex: Corners,
 ) -> tuple[int, float, Vec, Vec, int]:
     """Distance of the cores A and B in A's frame; `rot`, `t` are the pose of B, `size` the length of M's coordinates.
+
+    The descent starts towards `start`. With a `share` below 1 it ends once the distance, less `radius`, is known to that
+    share, or is below 0.
 
     Returns
     -------
@@ -176,6 +188,8 @@ def closest(
             if gap > limit:
                 return FAR, gap, normal, p, 0
         if count > 0 and length - bound <= TIGHT * length + floor:
+            break
+        if count > 0 and share < 1.0 and (length < radius or length - bound <= (1.0 - share) * (length - radius)):
             break
         if count == 0:
             w0, a0 = w, p

@@ -54,29 +54,29 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; undefined beyond `limit`.
     """
-    return separate(Shapes(pieces, frames), a, b, limit, axis, scratch)
+    return separate(Shapes(pieces, frames), a, b, limit, axis, 1.0, scratch)
 
 
 @noinline
-def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Separation:
-    """See `separation`.
+def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Separation:
+    """`separation`, or less: a `share` of a distance suffices, and anything below 0 for an overlap if that is less than 1.
 
     Calls `ordered` with the pieces in ascending order of their kinds.
     """
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_a > kind_b or (kind_a == kind_b and a > b):
-        s, n, pa = ordered(shapes, b, a, limit, neg(axis), scratch)
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), share, scratch)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(shapes, a, b, limit, axis, scratch)
+    s, n, pa = ordered(shapes, a, b, limit, axis, share, scratch)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Answer:
+def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Answer:
     """Separation, normal and point of A, by formula where there is one."""
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
-        return general(shapes, a, b, limit, axis, scratch)
+        return general(shapes, a, b, limit, axis, share, scratch)
     pa, pb = position_of(shapes, a), position_of(shapes, b)
     r, h, _ = vec_at(shapes.pieces.size, a)
     size = vec_at(shapes.pieces.size, b)
@@ -94,7 +94,7 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Sc
 
 
 @kernel
-def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Scratch) -> Answer:
+def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
@@ -103,19 +103,23 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, scratch: Sc
     origin = position_of(shapes, a)
     rot = rot_transposed_mul(world, rotation_of(shapes, b))
     t = rotate_back(world, sub(position_of(shapes, b), origin))
-    if dot(axis, axis) > 0.0:
-        d = rotate_back(world, axis)
+    is_known, d = dot(axis, axis) > 0.0, rotate_back(world, axis)
+    if is_known and share == 1.0:
         w, p = difference(core_a, core_b, rot, t, neg(d))
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
     centre_a, centre_b = vec_at(shapes.pieces.centre, a), vec_at(shapes.pieces.centre, b)
     start = sub(sub(centre_a, t), rotate(rot, centre_b))
-    if dot(start, start) == 0.0:
+    if is_known and share < 1.0:
+        start = d
+    elif dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, scratch.simplex)
-    if state == OVERLAP:
+    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, radius, share, scratch.simplex)
+    if state == OVERLAP and share < 1.0:
+        s = min(s, 0.0)
+    elif state == OVERLAP:
         exact, depth, outward = False, 0.0, n
         for attempt in range(3):
             # faces that see a corner by less than rounding count as seen in one attempt and not in another

@@ -19,18 +19,19 @@ from geomphys.collision.detect import (
     find_near,
     measure_near,
     pair_separation,
+    rough_separation,
     separation_bound,
     set_motion_bound,
 )
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, is_separated_on_path, pair_motion, path_is_free, rotation_between
+from geomphys.driven.advancement import is_separated_on_path, path_is_free
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
-from geomphys.driven.stepping import find_unlocked_pairs, measure_motion, motion_of, pose_with_pieces
+from geomphys.driven.stepping import clear_travel, find_unlocked_pairs, measure_travel, pair_travel, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
-from geomphys.numerics.vec3 import norm, sub
+from geomphys.numerics.row_vectors import set_vec_at, vec_at, vec_of
+from geomphys.numerics.vec3 import norm
 from geomphys.scene.arrays import DRIVEN, Scene
 
 Floats = NDArray[np.float64]
@@ -39,47 +40,27 @@ FREE, IN_COLLISION, UNCERTIFIED = 0, 1, 2  # verdicts on a posture
 LISTED_FACTOR, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to which pairs are listed
 
 
-@kernel
-def _measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Records) -> float:
-    """Motion of the pieces of a tree between poses (B, 7), to `travel` (P,) TRAVEL; returns the largest [m]."""
-    far = 0.0
-    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        rotation = rotation_between(before, after, body)
-        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-            translation = centre_motion(scene, before, after, i)
-            set_vec(travel[i].translation, translation)
-            travel[i].rotation = rotation * scene.pieces.reach[i]
-            far = max(far, norm(translation) + travel[i].rotation)
-    return far
-
-
-@kernel
-def _pair_travel(travel: Records, a: int, b: int) -> float:
-    """Bound on the relative motion of two pieces [m]."""
-    apart = norm(sub(vec_of(travel[a].translation), vec_of(travel[b].translation)))
-    return apart + float(travel[a].rotation) + float(travel[b].rotation)
-
-
 @noinline
 def measure_drift(scene: Scene, ws: DrivenWorkspace, before: Floats, after: Floats) -> None:
-    """Motion of the pieces of bodies that are not driven from poses `before` (B, 7) to `after`: into `drift` and `travel`."""
-    work = ws.work
+    """Motion of the pieces of bodies that are not driven from poses `before` (B, 7) to `after`, into `travel`."""
     for tree in range(len(scene.trees.role)):
-        if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
-            continue
-        _measure_travel(scene, before, after, tree, work.travel)
-        first = scene.bodies.piece_start[scene.trees.body_start[tree]]
-        for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-            work.drift[i] = norm(vec_of(work.travel[i].translation)) + work.travel[i].rotation
+        if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+            measure_travel(scene, before, after, tree, ws.work.travel)
 
 
 @kernel
-def _farthest(scene: Scene, motion: Floats, tree: int) -> float:
-    """The largest motion of a tree's pieces."""
+def _distance(travel: Records, piece: int) -> float:
+    """Bound on the motion of a piece [m]."""
+    return norm(vec_of(travel[piece].translation)) + float(travel[piece].rotation)
+
+
+@kernel
+def _farthest(scene: Scene, travel: Records, tree: int) -> float:
+    """The largest motion of a tree's pieces [m]."""
     far = 0.0
     first = scene.bodies.piece_start[scene.trees.body_start[tree]]
     for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-        far = max(far, motion[i])
+        far = max(far, _distance(travel, i))
     return far
 
 
@@ -90,25 +71,25 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
     Returns the least separation; it is measured where pairs overlap, and a lower bound elsewhere.
     """
     p, work = ws.piece_frames, ws.work
-    measure_motion(scene, ws, work.before, posture)
     for tree in range(len(work.mobility)):
         set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.mobility[tree] != LOCKED:
-            set_motion_bound(p.motion_bounds, tree, _farthest(scene, work.motion, tree))
+            far = measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
+            set_motion_bound(p.motion_bounds, tree, far)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
-        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
-            p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
+        elif scene.trees.role[tree] == DRIVEN:
+            clear_travel(scene, tree, work.travel)
+        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1:
+            p.motion_bounds[tree].world = _farthest(scene, work.travel, tree)
     return find_unlocked_pairs(scene, ws, 0.0)
 
 
 @kernel
 def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> bool:
-    """Whether near pair k, separated at `posture`, got there from the start of the step without passing through."""
+    """Whether near pair k of `measure_swept_pairs`, separated, got to `posture` without passing through."""
     near, work = ws.near, ws.work
     a, b, s, n = near.a[k], near.b[k], near.separation[k], vec_at(near.normal, k)
-    if s > _motion_of(scene, ws, a) + _motion_of(scene, ws, b):
-        return True
-    motion, _ = pair_motion(scene, work.before.poses, posture.poses, a, b)
+    motion = pair_travel(work.travel, a, b)
     if s <= motion and n == NOWHERE:
         s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s > motion or (
@@ -119,14 +100,6 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
     return path_is_free(
         scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
     )  # fmt: skip
-
-
-@kernel
-def _motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
-    """Motion of a piece since the start of the step [m]."""
-    if scene.bodies.role[scene.pieces.body[piece]] != DRIVEN:
-        return float(ws.work.drift[piece])
-    return motion_of(scene, ws, piece)
 
 
 @kernel
@@ -143,23 +116,20 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     None is measured: a lower bound of the separation suffices, also where they overlap.
     """
     p, work = ws.piece_frames, ws.work
-    measure_motion(scene, ws, work.before, work.goal)
     for tree in range(len(work.mobility)):
         work.covered[tree] = 0.0
         set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.mobility[tree] != LOCKED:
             pose_with_pieces(scene, ws, work.goal, tree)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
-            work.covered[tree] = LISTED_FACTOR * _farthest(scene, work.motion, tree) + MARGIN
+            far = measure_travel(scene, work.before.poses, work.goal.poses, tree, work.travel)
+            work.covered[tree] = LISTED_FACTOR * far + MARGIN
             set_motion_bound(p.motion_bounds, tree, work.covered[tree])
-        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
-            p.motion_bounds[tree].world = _farthest(scene, work.drift, tree)
         elif scene.trees.role[tree] == DRIVEN:
-            first = scene.bodies.piece_start[scene.trees.body_start[tree]]
-            for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
-                set_vec(work.travel[i].translation, (0.0, 0.0, 0.0))
-                set_vec(work.from_goal[i].translation, (0.0, 0.0, 0.0))
-                work.travel[i].rotation = work.from_goal[i].rotation = 0.0
+            clear_travel(scene, tree, work.travel)
+            clear_travel(scene, tree, work.from_goal)
+        elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1:
+            p.motion_bounds[tree].world = work.covered[tree] = _farthest(scene, work.travel, tree)
     ws.listed.counts.lost = 0
     find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
     if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
@@ -168,15 +138,20 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
 
 
 @kernel
-def _measure_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> bool:
-    """Motion of the trees being solved to a posture, from the start of the step and from the goal; whether pairs are listed."""
-    work, covers = ws.work, True
+def _measure_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> tuple[bool, float]:
+    """Motion of the trees being solved to a posture, from the start of the step and from the goal.
+
+    Returns whether pairs are listed, and the least separation [m] at the goal from which on they cannot have touched.
+    """
+    work, covers, farthest, drift = ws.work, True, 0.0, 0.0
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
-            far = _measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
-            far += _measure_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
-            covers = covers and far <= work.covered[tree]
-    return covers
+            far = measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
+            far += measure_travel(scene, work.goal.poses, posture.poses, tree, work.from_goal)
+            covers, farthest = covers and far <= work.covered[tree], max(farthest, far)
+        elif scene.trees.role[tree] != DRIVEN:
+            drift = max(drift, work.covered[tree])
+    return covers, 2.0 * farthest + drift
 
 
 @noinline
@@ -185,7 +160,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
     work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
-            far = _measure_travel(scene, work.goal.poses, work.iterate.poses, tree, work.from_goal)
+            far = measure_travel(scene, work.goal.poses, work.iterate.poses, tree, work.from_goal)
             if far + reach > work.covered[tree]:
                 return False, least
     near.counts.filled = 0
@@ -193,7 +168,7 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
             limit += reach if work.mobility[tree] != LOCKED else 0.0
-        s, n = listed.separation[k] - _pair_travel(work.from_goal, a, b), vec_at(listed.normal, k)
+        s, n = listed.separation[k] - pair_travel(work.from_goal, a, b), vec_at(listed.normal, k)
         if s > limit or limit == 0.0:
             continue
         if s < enough:
@@ -211,21 +186,26 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
 
 
 @noinline
-def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
-    """As `judge`, where the listed pairs are all that may collide."""
+def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture, enough: float) -> int:
+    """As `judge`, where the listed pairs are all that may collide, and those `enough` [m] apart at the goal cannot."""
     work, listed, p = ws.work, ws.listed, ws.piece_frames
     for k in range(listed.counts.filled):
+        if listed.separation[k] > enough:
+            continue
         a, b = listed.a[k], listed.b[k]
         if work.mobility[listed.tree_a[k]] == LOCKED and work.mobility[listed.tree_b[k]] == LOCKED:
             continue
-        motion = _pair_travel(work.travel, a, b)
-        if listed.separation[k] - _pair_travel(work.from_goal, a, b) > motion:
+        motion, from_goal = pair_travel(work.travel, a, b), pair_travel(work.from_goal, a, b)
+        if listed.separation[k] - from_goal > motion:
             continue
         s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
         if s < 0.0:
-            s, n, _, _ = pair_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
+            s, n = rough_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
         if s < 0.0:
             return IN_COLLISION
+        if s - from_goal > listed.separation[k]:
+            listed.separation[k] = s - from_goal
+            set_vec_at(listed.normal, k, n)
         if s <= motion and not is_separated_on_path(
             scene, work.before.poses, posture.poses, a, b, n, s, motion, p.moved
         ) and not path_is_free(
@@ -249,8 +229,9 @@ def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 @noinline
 def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """FREE, IN_COLLISION or UNCERTIFIED: a posture of the trees being solved, for which pairs are listed and pieces posed."""
-    if _measure_travels(scene, ws, posture):
-        return _judge_listed(scene, ws, posture)
+    is_listed, enough = _measure_travels(scene, ws, posture)
+    if is_listed:
+        return _judge_listed(scene, ws, posture, enough)
     return judge_anew(scene, ws, posture)
 
 
@@ -258,7 +239,7 @@ def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
     """Separation [m] of listed pair k at the present frames of its pieces, or a bound above `limit`."""
     a, b = ws.listed.a[k], ws.listed.b[k]
-    s = ws.listed.separation[k] - _pair_travel(ws.work.from_goal, a, b)
+    s = ws.listed.separation[k] - pair_travel(ws.work.from_goal, a, b)
     if s < limit:
         s, _ = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s < limit:
@@ -279,7 +260,7 @@ def find_reference_bodies(scene: Scene, ws: DrivenWorkspace, posture: Posture) -
         least = math.inf
         for k in range(listed.counts.filled):
             body = scene.pieces.body[listed.b[k]]
-            if scene.bodies.role[body] == DRIVEN or ws.work.drift[listed.b[k]] == 0.0:
+            if scene.bodies.role[body] == DRIVEN or _distance(ws.work.travel, listed.b[k]) == 0.0:
                 continue
             known = False
             for j in range(i):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import measure_near, pair_separation, separation_bound
+from geomphys.collision.detect import measure_near, pair_separation, rough_separation, separation_bound
 from geomphys.collision.support import pose_piece
 from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
@@ -43,7 +43,7 @@ from geomphys.driven.stepping import (
     is_within,
     measure_motion,
     measure_near_pairs,
-    motion_of,
+    pair_travel,
     pose_unlocked_pieces,
     set_targets_to,
     step_length_within_rate,
@@ -90,27 +90,31 @@ class Found(NamedTuple):
 
 
 @noinline
-def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int) -> tuple[bool, float]:
-    """Whether the paths of all near pairs from the iterate to the trial are certified: (whether, least separation there).
+def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float) -> tuple[bool, float]:
+    """Whether the paths of all near pairs from the iterate to the trial, `far` [m] at most, are certified.
 
-    `mode` is what is certified: as in `search`.
+    `mode` is what is certified: as in `search`. Returns (whether, least separation at the trial of those that may have met).
     """
     near, work, least = ws.near, ws.work, math.inf
     for k in range(near.counts.filled):
-        if not is_unlocked_pair(ws, k):
+        s = near.separation[k]
+        if s > 2.0 * far or not is_unlocked_pair(ws, k):
             continue
-        a, b, s = near.a[k], near.b[k], near.separation[k]
-        motion = motion_of(scene, ws, a) + motion_of(scene, ws, b)
+        a, b = near.a[k], near.b[k]
+        motion = pair_travel(work.motion, a, b)
         if s > motion:
-            least = min(least, s - motion)
             continue
         gap_at_trial = gap_along_normal(scene, ws, k, motion)
         if gap_at_trial >= 0.0 and mode != STRAIGHT:
             least = min(least, gap_at_trial)
             continue
-        trial_separation, n, _, _ = pair_separation(
+        trial_separation, n = rough_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
+        if trial_separation < 0.0:
+            trial_separation, n, _, _ = pair_separation(
+                scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
+            )
         least = min(least, trial_separation)
         if mode == ANY_PATH:
             if trial_separation < -1e-3 and trial_separation < s - 1e-3:
@@ -184,13 +188,13 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
     far = measure_motion(scene, ws, work.iterate, work.trial)
     if far > limit:
         apply_solution(scene, ws, 0.98 * limit / far)
-        measure_motion(scene, ws, work.iterate, work.trial)
+        far = measure_motion(scene, ws, work.iterate, work.trial)
     pose_unlocked_pieces(scene, ws, work.trial)
     for k in range(near.counts.filled):
-        if ws.row_state[k] != NO_ROW or not is_unlocked_pair(ws, k):
+        if near.separation[k] > 2.0 * far or ws.row_state[k] != NO_ROW or not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
-        motion = motion_of(scene, ws, a) + motion_of(scene, ws, b)
+        motion = pair_travel(work.motion, a, b)
         if near.separation[k] > motion:
             continue
         gap_at_trial = gap_along_normal(scene, ws, k, motion)
@@ -199,7 +203,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         bound, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if bound >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, bound, n, motion):
             continue
-        trial_separation, n, _, _ = pair_separation(
+        trial_separation, n = rough_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
         if trial_separation >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, trial_separation, n, motion):
@@ -352,7 +356,7 @@ def search(
                 apply_solution(scene, ws, step_length)
                 far = measure_motion(scene, ws, work.iterate, work.trial)
             pose_unlocked_pieces(scene, ws, work.trial)
-            safe, trial_separation = _step_is_safe(scene, ws, mode)
+            safe, trial_separation = _step_is_safe(scene, ws, mode, far)
             if safe:
                 break
             step_length *= 0.5

@@ -182,9 +182,8 @@ class SearchWorkspace(NamedTuple):
     used_high: Floats  # (Q,)
     inertia: Records  # (B,) COMPOSITE_INERTIA
     force: Floats  # (B, 6) composite force and torque about the pivot
-    motion: Floats  # (P,) m, motion of each piece from the iterate to the trial
-    drift: Floats  # (P,) m, motion of recorded pieces since the start of the step
-    travel: Records  # (P,) TRAVEL of each piece since then
+    motion: Records  # (P,) TRAVEL of each piece from the iterate to the trial
+    travel: Records  # (P,) TRAVEL of each piece since the start of the step
     from_goal: Records  # (P,) TRAVEL from the goal
     covered: Floats  # (T,) m: motion of the pieces of a tree that the listed pairs cover
     depth: Floats  # (T,) m, recorded depth of a tree
@@ -280,8 +279,7 @@ def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> Searc
         used_high=np.zeros(dofs),
         inertia=np.zeros(bodies, COMPOSITE_INERTIA),
         force=np.zeros((bodies, 6)),
-        motion=np.zeros(pieces),
-        drift=np.zeros(pieces),
+        motion=np.zeros(pieces, TRAVEL),
         travel=np.zeros(pieces, TRAVEL),
         from_goal=np.zeros(pieces, TRAVEL),
         covered=np.zeros(trees),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import (
     NOWHERE,
+    Records,
     find_near,
     measure_near,
     separation_bound,
@@ -23,7 +24,7 @@ from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import copy_pose, set_vec_at, vec_at
+from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at, vec_of
 from geomphys.numerics.vec3 import (
     add,
     dot,
@@ -35,7 +36,7 @@ from geomphys.numerics.vec3 import (
     scale,
     sub,
 )
-from geomphys.scene.arrays import Scene
+from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
@@ -124,10 +125,33 @@ def measure_near_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: 
 
 
 @kernel
-def motion_of(scene: Scene, ws: DrivenWorkspace, piece: int) -> float:
-    """Motion of a piece as `measure_motion` found it [m]; 0 in trees that are not being solved."""
-    locked = ws.work.mobility[scene.bodies.tree[scene.pieces.body[piece]]] == LOCKED
-    return 0.0 if locked else float(ws.work.motion[piece])
+def measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, travel: Records) -> float:
+    """Motion of the pieces of a tree between poses (B, 7), to `travel` (P,) TRAVEL; returns the largest [m]."""
+    far = 0.0
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        rotation = rotation_between(before, after, body)
+        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+            translation = centre_motion(scene, before, after, i)
+            set_vec(travel[i].translation, translation)
+            travel[i].rotation = rotation * scene.pieces.reach[i]
+            far = max(far, norm(translation) + travel[i].rotation)
+    return far
+
+
+@kernel
+def clear_travel(scene: Scene, tree: int, travel: Records) -> None:
+    """Set the motion of the pieces of a tree to zero."""
+    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+    for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+        set_vec(travel[i].translation, (0.0, 0.0, 0.0))
+        travel[i].rotation = 0.0
+
+
+@kernel
+def pair_travel(travel: Records, a: int, b: int) -> float:
+    """Bound on the relative motion of two pieces [m]."""
+    apart = norm(sub(vec_of(travel[a].translation), vec_of(travel[b].translation)))
+    return apart + float(travel[a].rotation) + float(travel[b].rotation)
 
 
 @noinline
@@ -142,7 +166,7 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
         if not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
-        s = near.separation[k] - (motion_of(scene, ws, a) + motion_of(scene, ws, b))
+        s = near.separation[k] - pair_travel(ws.work.motion, a, b)
         near.exact[k] = 0
         if s < enough:
             s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
@@ -159,17 +183,13 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
 
 @noinline
 def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Posture) -> float:
-    """Motion of each piece of the trees being solved from one posture to another; returns the largest [m]."""
+    """Motion of the pieces of driven trees from one posture to another, 0 where locked; returns the largest [m]."""
     farthest = 0.0
     for tree in range(len(ws.work.mobility)):
-        if ws.work.mobility[tree] == LOCKED:
-            continue
-        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            rotation = rotation_between(before.poses, after.poses, body)
-            for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-                far = norm(centre_motion(scene, before.poses, after.poses, i)) + rotation * scene.pieces.reach[i]
-                ws.work.motion[i] = far
-                farthest = max(farthest, far)
+        if ws.work.mobility[tree] != LOCKED:
+            farthest = max(farthest, measure_travel(scene, before.poses, after.poses, tree, ws.work.motion))
+        elif scene.trees.role[tree] == DRIVEN:
+            clear_travel(scene, tree, ws.work.motion)
     return farthest
 
 

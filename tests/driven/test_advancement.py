@@ -89,7 +89,9 @@ def test_a_direction_that_parts_both_ends_parts_a_path_of_little_rotation() -> N
         way = Way(rng, fast=0.03)
         found, n = way.separations()
         motion, _ = pair_motion(way.scene, way.before, way.after, 0, 1)
-        if found[-1] > 0.0 and is_separated_on_path(way.scene, way.before, way.after, 0, 1, n, found[-1], motion, way.frames):
+        if found[-1] > 0.0 and is_separated_on_path(
+            way.scene, way.before, way.after, 0, 1, n, found[-1], motion, way.frames
+        ):
             parted += 1
             assert found.min() > -1.5 * path_tolerance(way.scene, 0, 1)
     assert parted > 10

@@ -38,8 +38,8 @@ def test_separations_after_a_step_are_never_more_than_they_are(table: Table, dow
     measure_near_pairs(scene, ws, 0.5, math.inf)
     near, frames = data.workspace.near, data.workspace.piece_frames.frames
     count, enough = int(near.counts["filled"]), 3e-3
-    data.workspace.work.motion[:] = 0.0
-    data.workspace.work.motion[0] = down
+    data.workspace.work.motion[:] = 0
+    data.workspace.work.motion[0]["translation"] = (0.0, 0.0, -down)
     frames[0, 11] -= down
     least = update_separations(scene, ws, 0.05, enough)
     scratch = pack(data.detection.scratch)
