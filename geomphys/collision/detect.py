@@ -25,7 +25,7 @@ Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
 ROUGH = 0.9  # of the separation: where only a bound is needed
-BOXES_SUFFICE = 0.2  # of the limit: pairs whose boxes are farther apart are listed with that bound, without a direction
+BOXES_SUFFICE = 2e-3  # m: pairs whose boxes are farther apart are listed with that bound, without a direction
 
 
 PAIR_COUNTS = np.dtype(
@@ -228,12 +228,10 @@ def near_bodies(
         if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):
             continue
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
-            if apart(boxes.piece_low, boxes.piece_high, boxes.piece_low, boxes.piece_high, a, b, limit):
-                continue
             bound = piece_gap(boxes, a, b)
             if bound > limit:
                 continue
-            if bound > max(enough, BOXES_SUFFICE * limit):
+            if bound > max(enough, BOXES_SUFFICE):
                 append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
                 continue
             key, slot = _slot_of(scene.pieces, a, b, axes)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import Axes, pair_separation
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
-from geomphys.collision.support import pose_piece, shapes_of
+from geomphys.collision.support import shapes_of
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
@@ -35,7 +35,7 @@ from geomphys.numerics.vec3 import (
     sub,
 )
 from geomphys.scene.arrays import Scene
-from geomphys.scene.kinematics import frame_position, frame_rotation, orientation_of, position_of, set_frame
+from geomphys.scene.kinematics import frame_rotation, orientation_of, position_of, set_frame
 
 Floats = NDArray[np.float64]
 
@@ -54,9 +54,8 @@ def path_tolerance(scene: Scene, a: int, b: int) -> float:
 @kernel
 def _centre(scene: Scene, poses: Floats, piece: int) -> Vec:
     """Centre of a piece in the world."""
-    body, local = scene.pieces.body[piece], scene.pieces.local
-    c = vec_at(scene.pieces.centre, piece)
-    inside = add(rotate(frame_rotation(local, piece), c), frame_position(local, piece))
+    body = scene.pieces.body[piece]
+    inside = vec_at(scene.pieces.body_centre, piece)
     return add(position_of(poses, body), quat_rotate(orientation_of(poses, body), inside))
 
 
@@ -127,7 +126,8 @@ def is_separated_on_path(
     """Whether a direction that separates two pieces by `gap` [m] at `after` separates them on their whole path from `before`.
 
     It does, up to the tolerated overlap, where it separates them at `before` too, with little rotation in between; where they
-    rotate more, attached to the piece that rotates most. `motion` [m] bounds their relative motion; `frames` (P, 12) is scratch.
+    rotate more, attached to the piece that rotates most. `motion` [m] bounds their relative motion; `frames` (P, 12) are those
+    of the pieces at `before`.
     """
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
@@ -139,8 +139,6 @@ def is_separated_on_path(
         reference = body_a if angle_a > angle_b else body_b
         rotation = quat_mul(orientation_of(before, reference), quat_conjugate(orientation_of(after, reference)))
         n = quat_rotate(rotation, n)
-    pose_piece(scene.pieces, before, frames, a)
-    pose_piece(scene.pieces, before, frames, b)
     gap_before = gap_along(shapes_of(scene.pieces, frames), a, b, n)
     return gap_before > -deep and bulge <= 0.5 * deep + max(min(gap, gap_before), 0.0)
 

@@ -67,18 +67,34 @@ def drop_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
 
 
 @kernel
-def _is_listed(near: Near, a: int, b: int) -> bool:
-    """Whether the near pairs include pieces a and b."""
-    for k in range(near.counts.filled):  # noqa: SIM110 - no generators in kernels
-        if near.a[k] == a and near.b[k] == b:
+def _is_listed(ws: DrivenWorkspace, a: int, b: int) -> bool:
+    """Whether the pairs of tips include pieces a and b."""
+    for i in range(ws.work.counts.touch_pairs):
+        k = ws.work.touch_pairs[i]
+        if ws.near.a[k] == a and ws.near.b[k] == b:
             return True
     return False
 
 
+@kernel
+def _add_pair(ws: DrivenWorkspace, k: int) -> None:
+    """Add near pair k to those of tips."""
+    ws.work.touch_pairs[ws.work.counts.touch_pairs] = k
+    ws.work.counts.touch_pairs += 1
+
+
 @noinline
 def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
-    """Append to the near pairs those of each tip with the body it touched in the recording, within `limit` [m]."""
+    """List the near pairs of each tip with the body it touched in the recording, and append those within `limit` [m]."""
     work, near, boxes, first, posed = ws.work, ws.near, ws.detection.boxes, scene.bodies.piece_start, -1
+    work.counts.touch_pairs = 0
+    for k in range(near.counts.filled):
+        is_touch = False
+        if near.tree_a[k] != near.tree_b[k]:
+            for i in range(work.counts.touches):
+                is_touch = is_touch or _is_touch(scene, ws, k, work.touches[i].tip, work.touches[i].body)
+        if is_touch:
+            _add_pair(ws, k)
     for i in range(work.counts.touches):
         tip, other = work.touches[i].tip, work.touches[i].body
         tree = scene.bodies.tree[tip]
@@ -93,8 +109,10 @@ def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
             for a in range(first[body], first[body + 1]):
                 for b in range(first[other], first[other + 1]):
                     gap = piece_gap(boxes, a, b)
-                    if gap <= limit and not _is_listed(near, a, b):
-                        append_bound(near, a, b, tree, scene.bodies.tree[other], gap, NOWHERE)
+                    if gap > limit or _is_listed(ws, a, b) or near.counts.filled == len(near.a):
+                        continue
+                    append_bound(near, a, b, tree, scene.bodies.tree[other], gap, NOWHERE)
+                    _add_pair(ws, near.counts.filled - 1)
 
 
 @noinline
@@ -106,7 +124,8 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
         if work.mobility[scene.bodies.tree[tip]] != GENERAL_MOTION:
             continue
         nearest = limit
-        for k in range(near.counts.filled):
+        for j in range(work.counts.touch_pairs):
+            k = work.touch_pairs[j]
             if near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
                 s = measure_near(
                     scene.pieces, ws.piece_frames.frames, k, nearest, near, ws.detection.axes, ws.detection.scratch
@@ -125,7 +144,8 @@ def _is_touch(scene: Scene, ws: DrivenWorkspace, k: int, tip: int, other: int) -
 def _nearest(scene: Scene, ws: DrivenWorkspace, i: int) -> int:
     """The near pair, of those measured, in which the tip of a recorded contact is nearest to the body it touched; -1: none."""
     nearest, found = math.inf, -1
-    for k in range(ws.near.counts.filled):
+    for j in range(ws.work.counts.touch_pairs):
+        k = ws.work.touch_pairs[j]
         nearer = ws.near.exact[k] == 1 and ws.near.separation[k] < nearest
         if nearer and _is_touch(scene, ws, k, ws.work.touches[i].tip, ws.work.touches[i].body):
             nearest, found = ws.near.separation[k], k

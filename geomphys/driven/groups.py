@@ -22,7 +22,14 @@ from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import norm, slerp, sub
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
+from geomphys.scene.kinematics import (
+    copy_tree_frames,
+    orientation_of,
+    pose_pieces_of_tree,
+    pose_tree,
+    position_of,
+    set_pose,
+)
 
 Floats = NDArray[np.float64]
 
@@ -60,6 +67,7 @@ def set_final_posture(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tre
     for target in (state.last, work.before, work.iterate, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
     pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
+    copy_tree_frames(scene, tree, ws.piece_frames.frames, ws.piece_frames.before)
     update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
 
 
@@ -71,9 +79,11 @@ def store_method(state: DrivenState, tree: int, fallbacks: int) -> None:
 
 @noinline
 def pose_surroundings(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, fraction: float) -> None:
-    """Pose moving bodies that are not driven at a fraction of their path through the step."""
+    """Pose moving bodies that are not driven at a fraction of their path through the step, and all pieces at its start."""
     work, p = ws.work, ws.piece_frames
     for tree in range(len(scene.trees.role)):
+        if scene.trees.moving[tree] == 1:
+            pose_pieces_of_tree(scene, tree, work.before.poses, p.before)
         if scene.trees.moving[tree] == 0 or scene.trees.role[tree] == DRIVEN:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
@@ -187,6 +197,7 @@ def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
         if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
             for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
                 copy_pose(ws.work.iterate.poses, body, ws.work.before.poses, body)
+            copy_tree_frames(scene, tree, ws.piece_frames.frames, ws.piece_frames.before)
 
 
 @noinline

@@ -94,7 +94,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
         s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s > motion or (
         s >= 0.0
-        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, s, motion, ws.piece_frames.moved)
+        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, s, motion, ws.piece_frames.before)
     ):
         return True
     return path_is_free(
@@ -130,7 +130,7 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
             clear_travel(scene, tree, work.from_goal)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1:
             p.motion_bounds[tree].world = work.covered[tree] = _farthest(scene, work.travel, tree)
-    ws.listed.counts.lost = 0
+    ws.listed.counts.lost, work.counts.witness = 0, 0
     find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
     if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
         for tree in range(len(work.mobility)):
@@ -186,32 +186,46 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
 
 
 @noinline
-def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture, enough: float) -> int:
-    """As `judge`, where the listed pairs are all that may collide, and those `enough` [m] apart at the goal cannot."""
+def _judge_pair(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> int:
+    """FREE, IN_COLLISION or UNCERTIFIED: listed pair k at a posture, as in `judge`."""
     work, listed, p = ws.work, ws.listed, ws.piece_frames
-    for k in range(listed.counts.filled):
-        if listed.separation[k] > enough:
-            continue
-        a, b = listed.a[k], listed.b[k]
-        if work.mobility[listed.tree_a[k]] == LOCKED and work.mobility[listed.tree_b[k]] == LOCKED:
-            continue
-        motion, from_goal = pair_travel(work.travel, a, b), pair_travel(work.from_goal, a, b)
-        if listed.separation[k] - from_goal > motion:
-            continue
-        s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
-        if s < 0.0:
-            s, n = rough_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
-        if s < 0.0:
-            return IN_COLLISION
-        if s - from_goal > listed.separation[k]:
-            listed.separation[k] = s - from_goal
-            set_vec_at(listed.normal, k, n)
-        if s <= motion and not is_separated_on_path(
-            scene, work.before.poses, posture.poses, a, b, n, s, motion, p.moved
-        ) and not path_is_free(
-            scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
-        ):  # fmt: skip
-            return UNCERTIFIED
+    a, b = listed.a[k], listed.b[k]
+    if work.mobility[listed.tree_a[k]] == LOCKED and work.mobility[listed.tree_b[k]] == LOCKED:
+        return FREE
+    motion, from_goal = pair_travel(work.travel, a, b), pair_travel(work.from_goal, a, b)
+    if listed.separation[k] - from_goal > motion:
+        return FREE
+    s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
+    if s < 0.0:
+        s, n = rough_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
+    if s < 0.0:
+        return IN_COLLISION
+    if s - from_goal > listed.separation[k]:
+        listed.separation[k] = s - from_goal
+        set_vec_at(listed.normal, k, n)
+    if s <= motion and not is_separated_on_path(
+        scene, work.before.poses, posture.poses, a, b, n, s, motion, p.before
+    ) and not path_is_free(
+        scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
+    ):  # fmt: skip
+        return UNCERTIFIED
+    return FREE
+
+
+@noinline
+def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture, enough: float) -> int:
+    """As `judge`, where the listed pairs are all that may collide, and those `enough` [m] apart at the goal cannot.
+
+    The pair by which the last posture was found not to be free is tried first.
+    """
+    listed, counts = ws.listed, ws.work.counts
+    for i in range(-1, listed.counts.filled):
+        k = i if i >= 0 else counts.witness
+        if k < listed.counts.filled and listed.separation[k] <= enough:
+            verdict = _judge_pair(scene, ws, posture, k)
+            if verdict != FREE:
+                counts.witness = k
+                return verdict
     return FREE
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import measure_near, pair_separation, rough_separation, separation_bound
-from geomphys.collision.support import pose_piece
 from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
     CONTACT_DISTANCE,
@@ -37,6 +36,7 @@ from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
     compare_steps,
+    copy_frames,
     copy_targets,
     copy_unlocked,
     gap_along_normal,
@@ -80,6 +80,15 @@ RELATIVE_GAIN = 0.999  # an iteration gains if the objective ends below this tim
 EVERY_STEP, STRAIGHT, ANY_PATH = 0, 1, 2  # modes of certification
 
 
+class Linear(NamedTuple):
+    """Result of a linearised problem."""
+
+    cost: float  # at the iterate
+    is_solved: bool  # if not, no step is made
+    step_length: float  # of the trial
+    far: float  # m, motion of the trial; below 0: it is not posed
+
+
 class Found(NamedTuple):
     """Result of a search; the posture is in `SearchWorkspace.best`."""
 
@@ -90,15 +99,17 @@ class Found(NamedTuple):
 
 
 @noinline
-def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float) -> tuple[bool, float]:
+def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_known: bool) -> tuple[bool, float]:
     """Whether the paths of all near pairs from the iterate to the trial, `far` [m] at most, are certified.
 
-    `mode` is what is certified: as in `search`. Returns (whether, least separation at the trial of those that may have met).
+    `mode` is what is certified: as in `search`; `is_known`: `_request_rows` certified the steps of pairs without a row. Returns
+    (whether, least separation at the trial of those that may have met).
     """
     near, work, least = ws.near, ws.work, math.inf
+    is_known = is_known and mode != STRAIGHT
     for k in range(near.counts.filled):
         s = near.separation[k]
-        if s > 2.0 * far or not is_unlocked_pair(ws, k):
+        if s > 2.0 * far or (is_known and ws.row_state[k] == NO_ROW) or not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
         motion = pair_travel(work.motion, a, b)
@@ -124,7 +135,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float) -> t
             return False, least
         short = s + trial_separation >= motion or gap_at_trial > -path_tolerance(scene, a, b)
         short = short or is_separated_on_path(
-            scene, work.iterate.poses, work.trial.poses, a, b, n, trial_separation, motion, ws.piece_frames.moved
+            scene, work.iterate.poses, work.trial.poses, a, b, n, trial_separation, motion, ws.piece_frames.iterate
         )  # fmt: skip
         if not short and not path_is_free(
             scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
@@ -166,28 +177,22 @@ def _is_certified(
     if gap_at_trial > -path_tolerance(scene, a, b) or ws.near.separation[k] + separation >= motion:
         return True
     return is_separated_on_path(
-        scene, work.iterate.poses, work.trial.poses, a, b, n, separation, motion, ws.piece_frames.moved
+        scene, work.iterate.poses, work.trial.poses, a, b, n, separation, motion, ws.piece_frames.iterate
     )
 
 
-@kernel
-def _measure_at_iterate(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
-    """Separation of the near pair k at the iterate [m], measured within `limit`, while pieces are posed at the trial."""
-    near, moved = ws.near, ws.piece_frames.moved
-    if near.exact[k] == 0:
-        pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.a[k])
-        pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.b[k])
-    return measure_near(scene.pieces, moved, k, limit, near, ws.detection.axes, ws.detection.scratch)
-
-
 @noinline
-def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> bool:
-    """Request rows for near pairs without one that overlap at the solution, or a part of it; whether there are any."""
-    near, work, some = ws.near, ws.work, False
+def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -> tuple[bool, float, float]:
+    """Request rows for near pairs without one that overlap at the solution, or at the part of it within `limit` [m].
+
+    That is the trial then. Returns (whether there are any, step length, largest motion [m]).
+    """
+    near, work, some, step_length = ws.near, ws.work, False, 1.0
     apply_solution(scene, ws, 1.0)
     far = measure_motion(scene, ws, work.iterate, work.trial)
     if far > limit:
-        apply_solution(scene, ws, 0.98 * limit / far)
+        step_length = 0.98 * limit / far
+        apply_solution(scene, ws, step_length)
         far = measure_motion(scene, ws, work.iterate, work.trial)
     pose_unlocked_pieces(scene, ws, work.trial)
     for k in range(near.counts.filled):
@@ -208,7 +213,9 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         )
         if trial_separation >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, trial_separation, n, motion):
             continue
-        s = _measure_at_iterate(scene, ws, k, motion)
+        s = measure_near(
+            scene.pieces, ws.piece_frames.iterate, k, motion, near, ws.detection.axes, ws.detection.scratch
+        )
         if s > motion:
             continue
         if trial_separation < 0.25 * gap or (
@@ -217,7 +224,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
             )
         ):  # fmt: skip
             ws.row_state[k], some = REQUESTED, True
-    return some
+    return some, step_length, far
 
 
 @noinline
@@ -233,12 +240,12 @@ def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, rela
 @noinline
 def _solve_linear(
     scene: Scene, ws: DrivenWorkspace, recorded: Floats, gap: float, trust_radius: float, attracted: bool, relaxed: bool
-) -> tuple[float, bool]:
-    """Build and solve the quadratic problem at the iterate: (cost there, whether it was solved; if not, no step is made).
+) -> Linear:
+    """Build and solve the quadratic problem at the iterate.
 
     Pairs get rows once an iterate overlaps them. Rows that are infeasible together become penalty terms.
     """
-    work, limit, cost = ws.work, row_limit(trust_radius), 0.0
+    work, limit, cost, step_length, far = ws.work, row_limit(trust_radius), 0.0, 1.0, -1.0
     for attempt in range(2):
         n, cost = _assemble_objective(scene, ws, attracted, relaxed)
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
@@ -247,15 +254,19 @@ def _solve_linear(
         m = add_cones(scene, ws, recorded, work.iterate, m, n)
         status, m, active_count = solve_quadratic(ws.problem, n, m)
         for _ in range(ROUNDS):
-            if status != SOLVED or not _request_rows(scene, ws, gap, limit):
+            if status != SOLVED:
                 break
+            some, step_length, far = _request_rows(scene, ws, gap, limit)
+            if not some:
+                break
+            far = -1.0
             more = add_pairs(scene, ws, work.iterate, gap, m, n, False)
             status, m, active_count = resume_quadratic(ws.problem, n, m, more, active_count)
         if status == SOLVED:
-            return cost, True
+            return Linear(cost, True, step_length, far)
     for i in range(len(ws.problem.x)):
         ws.problem.x[i] = 0.0
-    return cost, False
+    return Linear(cost, False, 1.0, -1.0)
 
 
 @kernel
@@ -303,11 +314,12 @@ def search(
     """
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
-    found, converged, rate_limited, is_solved = False, False, False, True
+    found, converged, rate_limited = False, False, False
     only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
     last_far, stretched, jointed = 0.0, False, _some_joints(scene, ws)
     clear_spots(ws)
     copy_targets(scene, ws, work.target, work.cached_target)
+    copy_frames(scene, ws, False)
     for i in range(len(ws.problem.last_step)):
         ws.problem.last_step[i] = 0.0
     while True:
@@ -327,12 +339,13 @@ def search(
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
             if iteration == 0:
                 set_touch_goals(scene, ws)
-        cost, is_solved = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
+        linear = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
+        cost = linear.cost
         idle = idle + 1 if least >= 0.0 and cost > RELATIVE_GAIN * best else 0
         if least >= 0.0 and (cost < best or rate_limited):
             found, best = True, cost
             copy_unlocked(scene, ws, work.iterate, work.best)
-        if not is_solved or iteration == min(iterations, work.iterations):
+        if not linear.is_solved or iteration == min(iterations, work.iterations):
             break
         if idle >= PATIENCE and trust_radius == MIN_RADIUS:
             converged = True
@@ -343,11 +356,16 @@ def search(
         converges_slowly = last_far < EXTRAPOLATED_MOTION and cosine > ALIGNED and rate > SLOW
         if converges_slowly and not (stretched or only_translations or relaxed or rate_limited):
             step_length = 1.0 / (1.0 - min(rate, MAX_RATE))
+        is_posed = linear.far >= 0.0 and step_length == 1.0
         for _ in range(HALVINGS):
-            apply_solution(scene, ws, step_length)
-            far = measure_motion(scene, ws, work.iterate, work.trial)
+            if is_posed:
+                step_length, far = linear.step_length, linear.far
+            else:
+                apply_solution(scene, ws, step_length)
+                far = measure_motion(scene, ws, work.iterate, work.trial)
             if far > limit:
                 step_length *= 0.98 * limit / far
+                is_posed = False
                 continue
             limited_length = 1.0 if relaxed or rate_limited else step_length_within_rate(scene, ws, tethered)
             stopped = limited_length < 1.0
@@ -355,16 +373,20 @@ def search(
                 step_length *= limited_length * 0.999
                 apply_solution(scene, ws, step_length)
                 far = measure_motion(scene, ws, work.iterate, work.trial)
-            pose_unlocked_pieces(scene, ws, work.trial)
-            safe, trial_separation = _step_is_safe(scene, ws, mode, far)
+                is_posed = False
+            if not is_posed:
+                pose_unlocked_pieces(scene, ws, work.trial)
+            safe, trial_separation = _step_is_safe(scene, ws, mode, far, is_posed)
             if safe:
                 break
             step_length *= 0.5
+            is_posed = False
         if not safe:
             converged = least >= 0.0
             break
         listed, listed_touches = listed - far, listed_touches - far
         copy_unlocked(scene, ws, work.trial, work.iterate)
+        copy_frames(scene, ws, True)
         if stopped:
             rate_limited = True
             set_targets_to(scene, ws, work.iterate)

@@ -48,6 +48,8 @@ PROGRESS = np.dtype(
 SEARCH_COUNTS = np.dtype(
     [
         ("touches", np.int64),  # rows of `touches` that are filled
+        ("touch_pairs", np.int64),  # and of `touch_pairs`
+        ("witness", np.int64),  # the listed pair by which a posture was last found not to be free, to be tried first
         ("next_spot", np.int64),  # row of `spots` to fill next
     ]
 )
@@ -150,6 +152,8 @@ class PieceFrames(NamedTuple):
 
     base: Floats  # (P, 12) world_from_piece as recorded
     frames: Floats  # (P, 12) current
+    before: Floats  # (P, 12) at the start of the step
+    iterate: Floats  # (P, 12) at the iterate of a search
     moved: Floats  # (P, 12) scratch
     motion_bounds: Records  # (T,) MOTION_BOUND: motion of the pieces of each tree that near pairs must cover
 
@@ -191,6 +195,7 @@ class SearchWorkspace(NamedTuple):
     spots: Records  # (n,) SPOT
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
+    touch_pairs: Ints  # (n,) near pairs of tips with what they touch
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
@@ -243,6 +248,8 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
     return PieceFrames(
         base=np.zeros((pieces, 12)),
         frames=np.zeros((pieces, 12)),
+        before=np.zeros((pieces, 12)),
+        iterate=np.zeros((pieces, 12)),
         moved=np.zeros((pieces, 12)),
         motion_bounds=np.zeros(trees, MOTION_BOUND),
     )
@@ -288,6 +295,7 @@ def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> Searc
         spots=np.full(SPOTS, -1, SPOT),
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
+        touch_pairs=np.zeros(PAIRS, np.int64),
         closing=np.zeros(trees),
         grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),

@@ -16,7 +16,7 @@ from geomphys.collision.detect import (
     set_motion_bound,
 )
 from geomphys.collision.extent import gap_along
-from geomphys.collision.support import pose_piece, shapes_of
+from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.advancement import centre_motion, path_tolerance, rotation_between
 from geomphys.driven.constraints import is_unlocked_pair
@@ -37,7 +37,14 @@ from geomphys.numerics.vec3 import (
     sub,
 )
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
+from geomphys.scene.kinematics import (
+    copy_tree_frames,
+    orientation_of,
+    pose_pieces_of_tree,
+    pose_tree,
+    position_of,
+    set_pose,
+)
 
 Floats = NDArray[np.float64]
 
@@ -92,6 +99,15 @@ def pose_unlocked_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) ->
     for tree in range(len(ws.work.mobility)):
         if ws.work.mobility[tree] != LOCKED:
             pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)
+
+
+@noinline
+def copy_frames(scene: Scene, ws: DrivenWorkspace, only_unlocked: bool) -> None:
+    """Set the frames of pieces at the iterate to the current ones: of the trees being solved, or of all that move."""
+    p = ws.piece_frames
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED or (scene.trees.moving[tree] == 1 and not only_unlocked):
+            copy_tree_frames(scene, tree, p.frames, p.iterate)
 
 
 @kernel
@@ -245,14 +261,9 @@ def allowed_depth(scene: Scene, a: int, b: int) -> float:
 
 @noinline
 def _find_direction(scene: Scene, ws: DrivenWorkspace, k: int) -> bool:
-    """Take the cached direction of near pair k, if it separates the pair at the iterate; whether it does.
-
-    Pieces are posed at the trial.
-    """
-    near, moved = ws.near, ws.piece_frames.moved
-    pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.a[k])
-    pose_piece(scene.pieces, ws.work.iterate.poses, moved, near.b[k])
-    s, n = separation_bound(scene.pieces, moved, near.a[k], near.b[k], ws.detection.axes)
+    """Take the cached direction of near pair k, if it separates the pair at the iterate; whether it does."""
+    near = ws.near
+    s, n = separation_bound(scene.pieces, ws.piece_frames.iterate, near.a[k], near.b[k], ws.detection.axes)
     if s <= 0.0:
         return False
     near.separation[k] = max(near.separation[k], s)

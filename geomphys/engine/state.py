@@ -114,7 +114,7 @@ def make_replay_data(
     for tree in range(trees):
         pose_tree(packed, origins, tree, scene.trees.rest, np.zeros(dofs), poses)
         pose_pieces_of_tree(packed, tree, poses, piece_frames.base)
-    for frames in (piece_frames.frames, piece_frames.moved):
+    for frames in (piece_frames.frames, piece_frames.before, piece_frames.iterate, piece_frames.moved):
         frames[:] = piece_frames.base
     boxes, scratch, found = make_boxes(scene, piece_frames.base), make_scratch(), np.zeros(trees, np.int64)
     detection = Detection(boxes, make_axes(), scratch, found)

@@ -47,6 +47,7 @@ class Pieces(NamedTuple):
     body: Ints  # (P,) the body it belongs to
     local: Floats  # (P, 12) body_from_piece as a frame row
     centre: Floats  # (P, 3) interior point, piece frame (the hull's volume centroid; 0 for the others)
+    body_centre: Floats  # (P, 3) the same point, body frame
     reach: Floats  # (P,) bounding radius about `centre`
     thickness: Floats  # (P,) smallest width over all directions, m
     vertex_start: Ints  # (P + 1,) rows of `vertices`

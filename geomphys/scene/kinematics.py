@@ -144,6 +144,15 @@ def pose_tree(scene: Scene, origins: Floats, tree: int, roots: Floats, angles: F
         pose_body(scene, origins, body, angles, poses)
 
 
+@kernel
+def copy_tree_frames(scene: Scene, tree: int, source: Floats, target: Floats) -> None:
+    """Copy the frame rows (P, 12) of the pieces of `tree`."""
+    first = scene.bodies.piece_start[scene.trees.body_start[tree]]
+    for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+        for k in range(12):
+            target[i, k] = source[i, k]
+
+
 @noinline
 def pose_pieces_of_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) -> None:
     """Frame rows (P, 12) world_from_piece of the pieces of `tree`, from body poses (B, 7)."""

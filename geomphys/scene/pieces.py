@@ -230,12 +230,14 @@ def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
     for k, p in enumerate(shapes):
         local[k, :9] = p.local[:3, :3].reshape(9)
         local[k, 9:] = p.local[:3, 3]
+    centre = np.array([r.centre for r in rows], dtype=np.float64).reshape(-1, 3)
     return Pieces(
         kind=np.array([r.kind for r in rows], dtype=np.int64),
         size=np.array([r.size for r in rows], dtype=np.float64).reshape(-1, 3),
         body=np.array([p.body for p in shapes], dtype=np.int64),
         local=local,
-        centre=np.array([r.centre for r in rows], dtype=np.float64).reshape(-1, 3),
+        centre=centre,
+        body_centre=np.einsum("pij,pj->pi", local[:, :9].reshape(-1, 3, 3), centre) + local[:, 9:],
         reach=np.array([r.reach for r in rows], dtype=np.float64),
         thickness=np.array([r.thickness for r in rows], dtype=np.float64),
         vertex_start=_start_offsets([len(s.vertices) for s in solids]),
