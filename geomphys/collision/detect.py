@@ -243,7 +243,9 @@ def near_bodies(
             if bound >= enough:
                 append_bound(near, a, b, tree_a, tree_b, bound, along)
                 continue
-            found = pair_separation(scene.pieces, frames, a, b, limit, axes, detection.scratch)
+            key, slot = _slot_of(scene.pieces, a, b, axes)
+            found = separation(scene.pieces, frames, a, b, limit, NOWHERE, detection.scratch)
+            _remember(axes, key, slot, found[1])
             if found[0] <= limit:
                 append_pair(near, a, b, tree_a, tree_b, found)
 

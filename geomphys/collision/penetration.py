@@ -9,10 +9,11 @@ from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
 from geomphys.collision.gjk import OVERLAP, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
-from geomphys.collision.support import Shapes, core_of, is_curved, position_of, radius_of, rotation_of
+from geomphys.collision.support import Core, Shapes, core_of, is_curved, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, noinline
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
+    Rot,
     Vec,
     add,
     add_scaled,
@@ -94,6 +95,25 @@ def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
 
 
 @kernel
+def _nearest_in_box(core: Core, x: Vec) -> Vec:
+    """The point nearest to x in a core's box about its centre, which for a hull is about where it is."""
+    z = core.y if core.kind == CYLINDER else core.z
+    y = core.x if core.kind == CYLINDER else core.y
+    return (min(max(x[0], -core.x), core.x), min(max(x[1], -y), y), min(max(x[2], -z), z))
+
+
+@kernel
+def _between_boxes(a: Core, b: Core, rot: Rot, apart: Vec) -> Vec:
+    """About the shortest way from core B to A, in A's frame: from the point of B's box nearest to A's centre to A's box.
+
+    `apart` leads from B's centre to A's; the answer where that point lies in A's box.
+    """
+    on_b = sub(rotate(rot, _nearest_in_box(b, rotate_back(rot, apart))), apart)
+    way = sub(_nearest_in_box(a, on_b), on_b)
+    return way if dot(way, way) > 0.0 else apart
+
+
+@kernel
 def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
@@ -110,7 +130,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
     centre_a, centre_b = vec_at(shapes.pieces.centre, a), vec_at(shapes.pieces.centre, b)
-    start = sub(sub(centre_a, t), rotate(rot, centre_b))
+    start = _between_boxes(core_a, core_b, rot, sub(sub(centre_a, t), rotate(rot, centre_b)))
     if is_known and share < 1.0:
         start = d
     elif dot(start, start) == 0.0:

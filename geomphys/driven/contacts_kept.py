@@ -18,8 +18,8 @@ from geomphys.driven.postures import Posture, joint_jacobian
 from geomphys.driven.state import GENERAL_MOTION, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_at
-from geomphys.numerics.vec3 import Vec, neg
-from geomphys.scene.arrays import DRIVEN, FIXED, JOINT_FIXED, Scene
+from geomphys.numerics.vec3 import Vec
+from geomphys.scene.arrays import FIXED, JOINT_FIXED, Scene
 
 RECORDED_ON = 2e-3  # m: a link recorded no farther away is in contact
 
@@ -40,19 +40,20 @@ def store_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) ->
 
 @noinline
 def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
-    """Recorded contacts of tips of chains, from the near pairs of the recorded poses."""
+    """Recorded contacts of tips of chains, from the near pairs of the recorded poses, which are measured as needed."""
     ws.work.counts.touches = 0
     for k in range(near.counts.filled):
-        body_a, body_b, n = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]], vec_at(near.normal, k)
-        if near.separation[k] > RECORDED_ON or near.tree_a[k] == near.tree_b[k]:
-            continue
-        if scene.bodies.role[body_b] == DRIVEN:
-            body_a, body_b, n = body_b, body_a, neg(n)
-        if scene.bodies.role[body_b] != FIXED or scene.bodies.role[body_a] != DRIVEN:
+        body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
+        if near.separation[k] > RECORDED_ON or scene.bodies.role[body_b] != FIXED:
             continue
         tip = ws.links.weld_body[body_a]
-        if ws.links.tip[tip] == 1:
-            store_touch(ws, tip, body_b, near.separation[k], n)
+        if ws.links.tip[tip] == 0:
+            continue
+        s = measure_near(
+            scene.pieces, ws.piece_frames.base, k, RECORDED_ON, near, ws.detection.axes, ws.detection.scratch
+        )
+        if s <= RECORDED_ON:
+            store_touch(ws, tip, body_b, s, vec_at(near.normal, k))
 
 
 @kernel

@@ -18,7 +18,6 @@ from geomphys.collision.detect import (
     append_bound,
     find_near,
     measure_near,
-    pair_separation,
     rough_separation,
     separation_bound,
     set_motion_bound,
@@ -64,6 +63,15 @@ def _farthest(scene: Scene, travel: Records, tree: int) -> float:
     return far
 
 
+@kernel
+def _farthest_within(scene: Scene, travel: Records, tree: int) -> float:
+    """The largest motion of a tree's pieces against the translation of the first [m]."""
+    far, first = 0.0, scene.bodies.piece_start[scene.trees.body_start[tree]]
+    for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
+        far = max(far, pair_travel(travel, i, first) - travel[first].rotation)
+    return far
+
+
 @noinline
 def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
     """Near pairs of the trees being solved, posed at `posture`, that they may have touched on the path there.
@@ -74,8 +82,8 @@ def measure_swept_pairs(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
     for tree in range(len(work.mobility)):
         set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.mobility[tree] != LOCKED:
-            far = measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
-            set_motion_bound(p.motion_bounds, tree, far)
+            p.motion_bounds[tree].world = measure_travel(scene, work.before.poses, posture.poses, tree, work.travel)
+            p.motion_bounds[tree].joints = _farthest_within(scene, work.travel, tree)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
         elif scene.trees.role[tree] == DRIVEN:
             clear_travel(scene, tree, work.travel)
@@ -251,13 +259,13 @@ def judge(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
 
 @kernel
 def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: float) -> float:
-    """Separation [m] of listed pair k at the present frames of its pieces, or a bound above `limit`."""
+    """About the separation [m] of listed pair k at the present frames of its pieces, or a bound above `limit`."""
     a, b = ws.listed.a[k], ws.listed.b[k]
     s = ws.listed.separation[k] - pair_travel(ws.work.from_goal, a, b)
     if s < limit:
         s, _ = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s < limit:
-        s, _, _, _ = pair_separation(
+        s, _ = rough_separation(
             scene.pieces, ws.piece_frames.frames, a, b, limit, ws.detection.axes, ws.detection.scratch
         )
     return s

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import near_bodies
+from geomphys.collision.detect import measure_near, near_bodies
 from geomphys.collision.sweep import bodies_apart, body_apart_from_tree, near_trees, update_boxes
 from geomphys.engine.fingertips import TipContacts
 from geomphys.engine.state import ReplayData
@@ -48,10 +48,14 @@ def _find_contacts(scene: Scene, data: ReplayData, frames: Floats, contacts: Tip
                     continue
                 for b in range(scene.trees.body_start[other], scene.trees.body_start[other + 1]):
                     if not bodies_apart(data.detection.boxes, body, b, IN_CONTACT):
-                        near_bodies(scene, frames, body, b, IN_CONTACT, math.inf, near, data.tip_detection)
+                        near_bodies(scene, frames, body, b, IN_CONTACT, -math.inf, near, data.tip_detection)
         for k in range(near.counts.filled):
-            if near.separation[k] < contacts.gap[i]:
-                contacts.gap[i], contacts.piece[i] = near.separation[k], near.b[k]
+            limit = min(contacts.gap[i], IN_CONTACT)
+            if near.separation[k] > limit:
+                continue
+            s = measure_near(scene.pieces, frames, k, limit, near, data.tip_detection.axes, data.detection.scratch)
+            if s <= IN_CONTACT and s < contacts.gap[i]:
+                contacts.gap[i], contacts.piece[i] = s, near.b[k]
                 set_vec_at(contacts.point, i, vec_at(near.point_b, k))
                 set_vec_at(contacts.normal, i, vec_at(near.normal, k))
         count += int(contacts.gap[i] <= IN_CONTACT)

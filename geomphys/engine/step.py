@@ -88,7 +88,7 @@ def measure_recorded(scene: Scene, data: ReplayData) -> tuple[float, int]:
     near, depth = data.workspace.near, data.workspace.work.depth
     for tree in range(len(scene.trees.role)):
         depth[tree] = 0.0
-    find_near(scene, data.workspace.piece_frames.base, data.touching, 0.0, math.inf, near, data.detection)
+    find_near(scene, data.workspace.piece_frames.base, data.touching, 0.0, 0.0, near, data.detection)
     overlapping = global_depths(scene.pieces, near, data.depths)
     find_touches(scene, data.workspace, near)
     deepest = 0.0

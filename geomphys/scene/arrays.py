@@ -43,7 +43,8 @@ class Pieces(NamedTuple):
     """P convex pieces. Boxes and hulls have vertices, planes and loops, in the piece's own frame."""
 
     kind: Ints  # (P,) SPHERE … HULL
-    size: Floats  # (P, 3) sphere (r, 0, 0); capsule and cylinder (r, half height without caps, 0) along z; box half extents
+    # sphere (r, 0, 0); capsule and cylinder (r, half height without caps, 0) along z; half extents of a box, of a hull's box
+    size: Floats  # (P, 3)
     body: Ints  # (P,) the body it belongs to
     local: Floats  # (P, 12) body_from_piece as a frame row
     centre: Floats  # (P, 3) interior point, piece frame (the hull's volume centroid; 0 for the others)

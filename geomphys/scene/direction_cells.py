@@ -12,7 +12,7 @@ from geomphys.jit.kernel import kernel
 from geomphys.numerics.vec3 import Vec
 from geomphys.scene.arrays import Floats, Ints
 
-CELLS_PER_EDGE = 8
+CELLS_PER_EDGE = 16
 """Cells along an edge of the cube."""
 CELLS = 6 * CELLS_PER_EDGE * CELLS_PER_EDGE
 

@@ -181,7 +181,8 @@ class Hull(Shape):
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
         large = len(solid.vertices) > HILL_CLIMB_MIN_VERTICES
         cells = farthest_in_cells(solid.vertices - solid.centre) if large else None
-        return Row(HULL, _ORIGIN, centre, reach, solid.thickness, solid, cells)
+        x, y, z = (0.5 * np.ptp(solid.vertices, axis=0)).tolist()
+        return Row(HULL, (x, y, z), centre, reach, solid.thickness, solid, cells)
 
 
 @dataclass(frozen=True, eq=False)

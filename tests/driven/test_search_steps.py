@@ -11,10 +11,16 @@ import pytest
 from geomphys.collision.detect import pair_separation
 from geomphys.collision.penetration import separation
 from geomphys.driven.goals import choose_branch
-from geomphys.driven.reachability import _measure_travel, _pair_travel
 from geomphys.driven.starts import JUMP, unwrapped_change
 from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
-from geomphys.driven.stepping import gap_along_normal, is_within, measure_near_pairs, update_separations
+from geomphys.driven.stepping import (
+    gap_along_normal,
+    is_within,
+    measure_near_pairs,
+    measure_travel,
+    pair_travel,
+    update_separations,
+)
 from geomphys.driven.targets import _set_rate_along
 from geomphys.engine.state import ReplayData, make_replay_data
 from geomphys.jit.packed_records import pack
@@ -119,14 +125,14 @@ def test_two_pieces_come_nearer_by_no_more_than_their_travel(table: Table) -> No
             after[body, :3] += 0.1 * rng.normal(size=3)
             q = rng.normal(size=4)
             after[body, 3:] = q / np.linalg.norm(q)
-            _measure_travel(scene, poses, after, body, travel)
+            measure_travel(scene, poses, after, body, travel)
         points = 0.05 * rng.normal(size=(2, 3))
         points /= np.maximum(1.0, np.linalg.norm(points, axis=1, keepdims=True) / 0.05)
         shifts = [placed(after[b], points[b]) - placed(poses[b], points[b]) for b in (0, 1)]
-        assert np.linalg.norm(shifts[0] - shifts[1]) <= _pair_travel(travel, 0, 1) + 1e-12
-        assert _pair_travel(travel, 0, 1) == pytest.approx(_pair_travel(travel, 1, 0), rel=1e-15)
+        assert np.linalg.norm(shifts[0] - shifts[1]) <= pair_travel(travel, 0, 1) + 1e-12
+        assert pair_travel(travel, 0, 1) == pytest.approx(pair_travel(travel, 1, 0), rel=1e-15)
         both = np.linalg.norm(after[0, :3] - after[1, :3] - poses[0, :3] + poses[1, :3])
-        assert _pair_travel(travel, 0, 1) == pytest.approx(both + travel["rotation"][:2].sum(), rel=1e-12)
+        assert pair_travel(travel, 0, 1) == pytest.approx(both + travel["rotation"][:2].sum(), rel=1e-12)
 
 
 def placed(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
