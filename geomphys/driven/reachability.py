@@ -36,7 +36,7 @@ from geomphys.scene.arrays import DRIVEN, Scene
 Floats = NDArray[np.float64]
 
 FREE, IN_COLLISION, UNCERTIFIED = 0, 1, 2  # verdicts on a posture
-LISTED_FACTOR, MARGIN = 2.0, 12e-3  # times the motion of the goal, and m: motion up to which pairs are listed
+LISTED_FACTOR, MARGIN = 2.0, 20e-3  # times the motion of the goal, and m: motion up to which pairs are listed
 
 
 @noinline

@@ -239,13 +239,20 @@ def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, rela
 
 @noinline
 def _solve_linear(
-    scene: Scene, ws: DrivenWorkspace, recorded: Floats, gap: float, trust_radius: float, attracted: bool, relaxed: bool
+    scene: Scene,
+    ws: DrivenWorkspace,
+    recorded: Floats,
+    gap: float,
+    trust_radius: float,
+    limit: float,
+    attracted: bool,
+    relaxed: bool,
 ) -> Linear:
-    """Build and solve the quadratic problem at the iterate.
+    """Build and solve the quadratic problem at the iterate, for a step in which no piece moves by more than `limit` [m].
 
     Pairs get rows once an iterate overlaps them. Rows that are infeasible together become penalty terms.
     """
-    work, limit, cost, step_length, far = ws.work, row_limit(trust_radius), 0.0, 1.0, -1.0
+    work, cost, step_length, far = ws.work, 0.0, 1.0, -1.0
     for attempt in range(2):
         n, cost = _assemble_objective(scene, ws, attracted, relaxed)
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
@@ -316,7 +323,7 @@ def search(
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
     found, converged, rate_limited = False, False, False
     only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
-    last_far, stretched, jointed = 0.0, False, _some_joints(scene, ws)
+    last_far, moved, stretched, jointed = 0.0, 0.0, False, _some_joints(scene, ws)
     clear_spots(ws)
     copy_targets(scene, ws, work.target, work.cached_target)
     copy_frames(scene, ws, False)
@@ -324,6 +331,8 @@ def search(
         ws.problem.last_step[i] = 0.0
     while True:
         limit, attracted = row_limit(trust_radius), keep_contacts and not rate_limited and work.counts.touches > 0
+        if iteration > 0 and listed >= row_limit(moved):  # a step is hardly much longer than the last
+            limit = min(limit, listed)
         if listed >= limit and (listed_touches >= ATTRACTION_DISTANCE or not attracted):
             least = update_separations(scene, ws, limit, CONTACT_DISTANCE)
         else:
@@ -339,7 +348,7 @@ def search(
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
             if iteration == 0:
                 set_touch_goals(scene, ws)
-        linear = _solve_linear(scene, ws, recorded, gap, trust_radius, attracted, relaxed or rate_limited)
+        linear = _solve_linear(scene, ws, recorded, gap, trust_radius, limit, attracted, relaxed or rate_limited)
         cost = linear.cost
         idle = idle + 1 if least >= 0.0 and cost > RELATIVE_GAIN * best else 0
         if least >= 0.0 and (cost < best or rate_limited):
@@ -384,7 +393,7 @@ def search(
         if not safe:
             converged = least >= 0.0
             break
-        listed, listed_touches = listed - far, listed_touches - far
+        listed, listed_touches, moved = listed - far, listed_touches - far, far
         copy_unlocked(scene, ws, work.trial, work.iterate)
         copy_frames(scene, ws, True)
         if stopped:

@@ -24,8 +24,9 @@ from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at, vec_of
+from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
+    Vec,
     add,
     dot,
     norm,
@@ -210,6 +211,16 @@ def measure_motion(scene: Scene, ws: DrivenWorkspace, before: Posture, after: Po
 
 
 @kernel
+def _translate(scene: Scene, source: Posture, tree: int, path: Vec, target: Posture) -> None:
+    """Copy a tree's part of a posture, translated by `path` [m]."""
+    copy_tree(scene, source, tree, target)
+    for i in range(3):
+        target.roots[tree, i] += path[i]
+        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+            target.poses[body, i] += path[i]
+
+
+@kernel
 def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> None:
     """Set the trial: the iterate plus `step_length` times the solution."""
     x, work = ws.problem.x, ws.work
@@ -218,22 +229,17 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> Non
         if work.mobility[tree] == LOCKED:
             continue
         first = work.first[tree]
-        p, q = position_of(iterate.roots, tree), orientation_of(iterate.roots, tree)
-        if work.mobility[tree] == GENERAL_MOTION:
-            rotation = quat_from_rotation_vector(
-                (step_length * x[first + 3], step_length * x[first + 4], step_length * x[first + 5])
-            )
-            pivot = pivot_of(ws, iterate.poses, tree)
-            p = add(pivot, quat_rotate(rotation, sub(p, pivot)))
-            q = quat_unit(quat_mul(rotation, q))
-            for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                i = work.column[j]
-                trial.angles[j] = iterate.angles[j] + (step_length * x[i] if i >= 0 else 0.0)
-        else:
-            for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                trial.angles[j] = iterate.angles[j]
-        p = (p[0] + step_length * x[first], p[1] + step_length * x[first + 1], p[2] + step_length * x[first + 2])
-        set_pose(trial.roots, tree, p, q)
+        path = scale(vec_from(x, first), step_length)
+        if work.mobility[tree] != GENERAL_MOTION:
+            _translate(scene, iterate, tree, path, trial)
+            continue
+        rotation = quat_from_rotation_vector(scale(vec_from(x, first + 3), step_length))
+        pivot, p = pivot_of(ws, iterate.poses, tree), position_of(iterate.roots, tree)
+        p = add(add(pivot, quat_rotate(rotation, sub(p, pivot))), path)
+        set_pose(trial.roots, tree, p, quat_unit(quat_mul(rotation, orientation_of(iterate.roots, tree))))
+        for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+            i = work.column[j]
+            trial.angles[j] = iterate.angles[j] + (step_length * x[i] if i >= 0 else 0.0)
         pose_tree(scene, ws.origins, tree, trial.roots, trial.angles, trial.poses)
 
 

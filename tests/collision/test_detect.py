@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.detect import (
+    BOXES_SUFFICE,
     MOTION_BOUND,
     Detection,
     append_bound,
@@ -112,15 +113,19 @@ def test_pairs_are_listed_as_far_as_both_may_move_and_the_margin(reach: float, m
     assert near.counts["filled"] == found
 
 
-@pytest.mark.parametrize(("margin", "measured"), [(0.011, False), (0.019, False), (0.021, True)])
-def test_what_boxes_part_by_half_the_limit_is_bounded_without_a_direction(margin: float, measured: bool) -> None:
+@pytest.mark.parametrize(("apart", "measured"), [(1.01, False), (0.99, True)])
+def test_what_boxes_part_far_enough_is_bounded_without_a_direction(apart: float, measured: bool) -> None:
     scene, detection, frames = rows_of_balls(3)
+    gap = apart * BOXES_SUFFICE
+    frames[:, 9] = np.arange(3) * (0.1 + gap)
+    for tree in range(3):
+        update_boxes(scene, frames, detection.boxes, tree)
     near = make_near(64)
-    find_near(scene, frames, np.zeros(3, MOTION_BOUND), margin, 0.0, pack(near), detection)
+    find_near(scene, frames, np.zeros(3, MOTION_BOUND), 2.0 * gap, 0.0, pack(near), detection)
     assert near.counts["filled"] == 2
     assert near.exact[:2].tolist() == [measured, measured]
     assert near.normal[:2].any() == measured
-    assert near.separation[:2] == pytest.approx(0.01, abs=1e-12)
+    assert near.separation[:2] == pytest.approx(gap, abs=1e-12)
 
 
 def test_boxes_that_overlap_prove_nothing() -> None:
