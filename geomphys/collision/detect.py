@@ -231,7 +231,7 @@ def near_bodies(
             bound = piece_gap(boxes, a, b)
             if bound > limit:
                 continue
-            if bound > max(enough, BOXES_SUFFICE):
+            if bound > max(enough, BOXES_SUFFICE) or enough == -math.inf:
                 append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
                 continue
             key, slot = _slot_of(scene.pieces, a, b, axes)
@@ -321,7 +321,7 @@ def find_near(
         m; pairs farther apart than the bounds of both and `margin` are left out.
     enough
         m; pairs that their boxes or a cached direction separate this far are not measured: `separation` and `normal` are that
-        bound and direction, `exact` is 0. inf: all are measured.
+        bound and direction, `exact` is 0. inf: all are measured; -inf: the bounds of boxes suffice.
     near
         The pairs replace the earlier ones; `counts.lost` counts those beyond its capacity.
     detection

@@ -18,7 +18,7 @@ from geomphys.collision.detect import (
 from geomphys.collision.extent import gap_along
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import centre_motion, path_tolerance, rotation_between
+from geomphys.driven.advancement import path_tolerance, rotation_between
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
@@ -34,6 +34,8 @@ from geomphys.numerics.vec3 import (
     quat_mul,
     quat_rotate,
     quat_unit,
+    rot_from_quat,
+    rotate,
     scale,
     sub,
 )
@@ -147,8 +149,11 @@ def measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, trave
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         rotation = rotation_between(before, after, body)
+        path = sub(position_of(after, body), position_of(before, body))
+        r0, r1 = rot_from_quat(orientation_of(before, body)), rot_from_quat(orientation_of(after, body))
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-            translation = centre_motion(scene, before, after, i)
+            centre = vec_at(scene.pieces.body_centre, i)
+            translation = add(path, sub(rotate(r1, centre), rotate(r0, centre))) if rotation > 0.0 else path
             set_vec(travel[i].translation, translation)
             travel[i].rotation = rotation * scene.pieces.reach[i]
             far = max(far, norm(translation) + travel[i].rotation)
