@@ -24,7 +24,7 @@ Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
-ROUGH = 0.9  # of the separation: where only a bound is needed
+APPROXIMATE = 0.9  # of the separation: where only a bound is needed
 BOXES_SUFFICE = 2e-3  # m: pairs whose boxes are farther apart are listed with that bound, without a direction
 
 
@@ -134,12 +134,15 @@ def pair_separation(
 
 
 @kernel
-def rough_separation(
+def approximate_separation(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec]:
-    """A lower bound, `ROUGH` of the separation or more, where pieces a and b are apart, and its direction; below 0 where not."""
+    """A lower bound of the separation of pieces a and b [m] and its direction: at least the share `APPROXIMATE` of a distance.
+
+    Below 0 where they overlap, by how much is unknown.
+    """
     key, slot = _slot_of(pieces, a, b, axes)
-    s, n, _, _ = separate(shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot), ROUGH, scratch)
+    s, n, _, _ = separate(shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot), APPROXIMATE, scratch)
     _remember(axes, key, slot, n)
     return s, n
 

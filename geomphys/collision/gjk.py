@@ -9,7 +9,7 @@ triangles are computed at right angles to their edges, so that the direction sta
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,14 @@ ROUNDING = 4e-16
 TIGHT = 1e-12
 """Fraction of the distance that is left between its bounds."""
 ROUNDS = 128
+
+
+class Goal(NamedTuple):
+    """What of a distance is asked for."""
+
+    limit: float  # m: distances, less `radius`, above this need not be known
+    radius: float  # m, by which both cores together are grown
+    share: float  # below 1: it is enough to know the distance, less `radius`, to this share, or that it is below 0
 
 
 @kernel
@@ -136,26 +144,16 @@ def set_corner(corners: Corners, i: int, w: Vec, p: Vec) -> None:
 
 @kernel
 def closest(
-    a: Core,
-    b: Core,
-    rot: Rot,
-    t: Vec,
-    size: float,
-    limit: float,
-    start: Vec,
-    radius: float,
-    share: float,
-    simplex: Corners,
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, goal: Goal, start: Vec, simplex: Corners
 ) -> tuple[int, float, Vec, Vec, int]:
     """Distance of the cores A and B in A's frame; `rot`, `t` are the pose of B, `size` the length of M's coordinates.
 
-    The descent starts towards `start`. With a `share` below 1 it ends once the distance, less `radius`, is known to that
-    share, or is below 0.
+    The descent starts towards `start`.
 
     Returns
     -------
     state
-        SEPARATED; FAR: farther than `limit`, what follows is a bound; OVERLAP: they touch or overlap.
+        SEPARATED; FAR: farther than the limit, what follows is a bound; OVERLAP: they touch or overlap.
     distance
         Largest known lower bound of the distance [m]: the extent of M along the normal.
     normal
@@ -185,11 +183,12 @@ def closest(
         if bound > gap:
             gap = bound
             normal = scale(v, 1.0 / length)
-            if gap > limit:
+            if gap > goal.limit + goal.radius:
                 return FAR, gap, normal, p, 0
         if count > 0 and length - bound <= TIGHT * length + floor:
             break
-        if count > 0 and share < 1.0 and (length < radius or length - bound <= (1.0 - share) * (length - radius)):
+        above = length - goal.radius
+        if count > 0 and goal.share < 1.0 and (above < 0.0 or length - bound <= (1.0 - goal.share) * above):
             break
         if count == 0:
             w0, a0 = w, p

@@ -7,7 +7,7 @@ from typing import TypeAlias
 from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
 from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
-from geomphys.collision.gjk import OVERLAP, closest, difference
+from geomphys.collision.gjk import OVERLAP, Goal, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
 from geomphys.collision.support import Core, Shapes, core_of, is_curved, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, noinline
@@ -109,8 +109,8 @@ def _between_boxes(a: Core, b: Core, rot: Rot, apart: Vec) -> Vec:
     `apart` leads from B's centre to A's; the answer where that point lies in A's box.
     """
     on_b = sub(rotate(rot, _nearest_in_box(b, rotate_back(rot, apart))), apart)
-    way = sub(_nearest_in_box(a, on_b), on_b)
-    return way if dot(way, way) > 0.0 else apart
+    path = sub(_nearest_in_box(a, on_b), on_b)
+    return path if dot(path, path) > 0.0 else apart
 
 
 @kernel
@@ -136,7 +136,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
     elif dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p, count = closest(core_a, core_b, rot, t, size, limit + radius, start, radius, share, scratch.simplex)
+    state, s, n, p, count = closest(core_a, core_b, rot, t, size, Goal(limit, radius, share), start, scratch.simplex)
     if state == OVERLAP and share < 1.0:
         s = min(s, 0.0)
     elif state == OVERLAP:

@@ -121,14 +121,15 @@ def _curvature(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> f
 
 @noinline
 def is_separated_on_path(
-    scene: Scene, before: Floats, after: Floats, a: int, b: int, n: Vec, gap: float, motion: float, frames: Floats
+    scene: Scene, before: Floats, after: Floats, a: int, b: int, bound: tuple[float, Vec], motion: float, frames: Floats
 ) -> bool:
-    """Whether a direction that separates two pieces by `gap` [m] at `after` separates them on their whole path from `before`.
+    """Whether a direction that separates two pieces at `after`, as in `bound`, separates them on their whole path from `before`.
 
     It does, up to the tolerated overlap, where it separates them at `before` too, with little rotation in between; where they
-    rotate more, attached to the piece that rotates most. `motion` [m] bounds their relative motion; `frames` (P, 12) are those
-    of the pieces at `before`.
+    rotate more, attached to the piece that rotates most. `bound`: gap at `after` [m] and direction; `motion` [m] bounds their
+    relative motion; `frames` (P, 12) are those of the pieces at `before`.
     """
+    gap, n = bound
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     deep, bulge = path_tolerance(scene, a, b), 0.0

@@ -16,9 +16,9 @@ from geomphys.collision.detect import (
     NOWHERE,
     Records,
     append_bound,
+    approximate_separation,
     find_near,
     measure_near,
-    rough_separation,
     separation_bound,
     set_motion_bound,
 )
@@ -102,7 +102,7 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
         s, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s > motion or (
         s >= 0.0
-        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, n, s, motion, ws.piece_frames.before)
+        and is_separated_on_path(scene, work.before.poses, posture.poses, a, b, (s, n), motion, ws.piece_frames.before)
     ):
         return True
     return path_is_free(
@@ -205,14 +205,14 @@ def _judge_pair(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> 
         return FREE
     s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
     if s < 0.0:
-        s, n = rough_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
+        s, n = approximate_separation(scene.pieces, p.frames, a, b, motion, ws.detection.axes, ws.detection.scratch)
     if s < 0.0:
         return IN_COLLISION
     if s - from_goal > listed.separation[k]:
         listed.separation[k] = s - from_goal
         set_vec_at(listed.normal, k, n)
     if s <= motion and not is_separated_on_path(
-        scene, work.before.poses, posture.poses, a, b, n, s, motion, p.before
+        scene, work.before.poses, posture.poses, a, b, (s, n), motion, p.before
     ) and not path_is_free(
         scene, work.before.poses, posture.poses, a, b, p.moved, ws.detection.axes, ws.detection.scratch
     ):  # fmt: skip
@@ -265,7 +265,7 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
     if s < limit:
         s, _ = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
     if s < limit:
-        s, _ = rough_separation(
+        s, _ = approximate_separation(
             scene.pieces, ws.piece_frames.frames, a, b, limit, ws.detection.axes, ws.detection.scratch
         )
     return s

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import measure_near, pair_separation, rough_separation, separation_bound
+from geomphys.collision.detect import approximate_separation, measure_near, pair_separation, separation_bound
 from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
     CONTACT_DISTANCE,
@@ -31,7 +31,7 @@ from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble, link_centre, number_unknowns
 from geomphys.driven.qp import resume_quadratic, solve_quadratic
 from geomphys.driven.reachability import measure_listed_pairs
-from geomphys.driven.state import GENERAL_MOTION, LOCKED, NO_ROW, REQUESTED, TRANSLATION, DrivenWorkspace
+from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.driven.stepping import (
     allowed_depth,
     apply_solution,
@@ -43,9 +43,11 @@ from geomphys.driven.stepping import (
     is_within,
     measure_motion,
     measure_near_pairs,
+    only_translations_allowed,
     pair_travel,
     pose_unlocked_pieces,
     set_targets_to,
+    some_joints,
     step_length_within_rate,
     update_separations,
 )
@@ -119,7 +121,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
         if gap_at_trial >= 0.0 and mode != STRAIGHT:
             least = min(least, gap_at_trial)
             continue
-        trial_separation, n = rough_separation(
+        trial_separation, n = approximate_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
         if trial_separation < 0.0:
@@ -135,7 +137,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
             return False, least
         short = s + trial_separation >= motion or gap_at_trial > -path_tolerance(scene, a, b)
         short = short or is_separated_on_path(
-            scene, work.iterate.poses, work.trial.poses, a, b, n, trial_separation, motion, ws.piece_frames.iterate
+            scene, work.iterate.poses, work.trial.poses, a, b, (trial_separation, n), motion, ws.piece_frames.iterate
         )  # fmt: skip
         if not short and not path_is_free(
             scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
@@ -146,23 +148,6 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
         ):  # fmt: skip
             return False, least
     return True, least
-
-
-@kernel
-def _only_translations(ws: DrivenWorkspace) -> bool:
-    only = True
-    for tree in range(len(ws.work.mobility)):
-        only = only and (ws.work.mobility[tree] == LOCKED or ws.work.mobility[tree] == TRANSLATION)
-    return only
-
-
-@kernel
-def _some_joints(scene: Scene, ws: DrivenWorkspace) -> bool:
-    """Whether some tree that may move has joints: others converge so fast that no pass is to be saved."""
-    some, start = False, scene.trees.dof_start
-    for tree in range(len(ws.work.mobility)):
-        some = some or (ws.work.mobility[tree] == GENERAL_MOTION and start[tree + 1] > start[tree])
-    return some
 
 
 @kernel
@@ -177,7 +162,7 @@ def _is_certified(
     if gap_at_trial > -path_tolerance(scene, a, b) or ws.near.separation[k] + separation >= motion:
         return True
     return is_separated_on_path(
-        scene, work.iterate.poses, work.trial.poses, a, b, n, separation, motion, ws.piece_frames.iterate
+        scene, work.iterate.poses, work.trial.poses, a, b, (separation, n), motion, ws.piece_frames.iterate
     )
 
 
@@ -208,7 +193,7 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
         bound, n = separation_bound(scene.pieces, ws.piece_frames.frames, a, b, ws.detection.axes)
         if bound >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, bound, n, motion):
             continue
-        trial_separation, n = rough_separation(
+        trial_separation, n = approximate_separation(
             scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
         )
         if trial_separation >= 0.25 * gap and _is_certified(scene, ws, k, gap_at_trial, trial_separation, n, motion):
@@ -228,16 +213,6 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
 
 
 @noinline
-def _assemble_objective(scene: Scene, ws: DrivenWorkspace, attracted: bool, relaxed: bool) -> tuple[int, float]:
-    """Assemble the quadratic objective at the iterate: (number of unknowns, cost there)."""
-    n = number_unknowns(scene, ws)
-    cost = assemble(scene, ws, ws.work.iterate, not relaxed)
-    if attracted:
-        cost += add_touches(scene, ws, ws.work.iterate, n)
-    return n, cost
-
-
-@noinline
 def _solve_linear(
     scene: Scene,
     ws: DrivenWorkspace,
@@ -254,7 +229,10 @@ def _solve_linear(
     """
     work, cost, step_length, far = ws.work, 0.0, 1.0, -1.0
     for attempt in range(2):
-        n, cost = _assemble_objective(scene, ws, attracted, relaxed)
+        n = number_unknowns(scene, ws)
+        cost = assemble(scene, ws, work.iterate, not relaxed)
+        if attracted:
+            cost += add_touches(scene, ws, work.iterate, n)
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
         request_pairs_in_contact(ws)
         m = add_pairs(scene, ws, work.iterate, gap, 0, n, attempt == 1)
@@ -322,8 +300,8 @@ def search(
     work, best, relaxed = ws.work, math.inf, mode == ANY_PATH
     trust_radius = FIRST_RADIUS if relaxed else _first_radius(scene, ws)
     found, converged, rate_limited = False, False, False
-    only_translations, iteration, idle, listed, listed_touches = _only_translations(ws), 0, 0, 0.0, 0.0
-    last_far, moved, stretched, jointed = 0.0, 0.0, False, _some_joints(scene, ws)
+    only_translations, iteration, idle, listed, listed_touches = only_translations_allowed(ws), 0, 0, 0.0, 0.0
+    last_far, moved, stretched, jointed = 0.0, 0.0, False, some_joints(scene, ws)
     clear_spots(ws)
     copy_targets(scene, ws, work.target, work.cached_target)
     copy_frames(scene, ws, False)

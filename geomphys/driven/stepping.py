@@ -22,7 +22,7 @@ from geomphys.driven.advancement import path_tolerance, rotation_between
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.objective import link_centre, pivot_of
 from geomphys.driven.postures import Posture, copy_tree
-from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, TRANSLATION, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
@@ -262,6 +262,24 @@ def is_within(distance: float, step: float, last_step: float) -> bool:
     They are after a step shorter than that too. `last_step` 0: there was none, or it tells nothing.
     """
     return step < distance or step * step < distance * (last_step - step)
+
+
+@kernel
+def only_translations_allowed(ws: DrivenWorkspace) -> bool:
+    """Whether no tree may do more than be translated."""
+    only = True
+    for tree in range(len(ws.work.mobility)):
+        only = only and (ws.work.mobility[tree] == LOCKED or ws.work.mobility[tree] == TRANSLATION)
+    return only
+
+
+@kernel
+def some_joints(scene: Scene, ws: DrivenWorkspace) -> bool:
+    """Whether some tree that may move has joints: others converge so fast that no pass is to be saved."""
+    some, start = False, scene.trees.dof_start
+    for tree in range(len(ws.work.mobility)):
+        some = some or (ws.work.mobility[tree] == GENERAL_MOTION and start[tree + 1] > start[tree])
+    return some
 
 
 @kernel

@@ -6,7 +6,7 @@ import numpy as np
 
 from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
-from geomphys.collision.gjk import OVERLAP, closest
+from geomphys.collision.gjk import OVERLAP, Goal, closest
 from geomphys.collision.scratch import Scratch
 from geomphys.collision.support import core_of, position_of, rotation_of, shapes_of
 from geomphys.jit.kernel import kernel
@@ -24,7 +24,7 @@ def both_depths(pieces: Pieces, frames: Floats, scratch: Scratch) -> tuple[bool,
     rot = rot_transposed_mul(rotation_of(shapes, 0), rotation_of(shapes, 1))
     t = rotate_back(rotation_of(shapes, 0), sub(position_of(shapes, 1), position_of(shapes, 0)))
     size = pieces.reach[0] + pieces.reach[1] + norm(t)
-    state, _, _, _, count = closest(a, b, rot, t, size, np.inf, (0.1, 0.2, 0.3), 0.0, 1.0, scratch.simplex)
+    state, _, _, _, count = closest(a, b, rot, t, size, Goal(np.inf, 0.0, 1.0), (0.1, 0.2, 0.3), scratch.simplex)
     if state != OVERLAP:
         return False, 0.0, 0.0, 0.0
     exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, count, scratch)

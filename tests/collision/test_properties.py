@@ -10,9 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from geomphys.collision.detect import APPROXIMATE
+from geomphys.collision.penetration import separate
+from geomphys.collision.support import Shapes
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.collision.engines import coal_place, coal_shape
-from tests.collision.pairs import Array, Pair, check_certificate, pose
+from tests.collision.pairs import SCRATCH, Array, Pair, check_certificate, pose
 
 length = st.floats(0.01, 1.0)
 unit = st.floats(-1.0, 1.0)
@@ -28,6 +31,23 @@ shape = st.one_of(
 )
 PRECISE = 2e-6  # of the size: what a pair with a cylinder may miss
 bounded = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+axis = st.one_of(st.just(np.zeros(3)), st.tuples(unit, unit, unit).map(np.array))
+
+
+@bounded
+@given(shape, place, shape, place, axis)
+def test_an_approximate_separation_is_a_bound_with_the_right_sign(
+    a: Shape, at_a: Array, b: Shape, at_b: Array, start: Array
+) -> None:
+    """Whatever direction it is started at."""
+    pair, length = Pair(a, at_a, b, at_b), float(np.linalg.norm(start))
+    exact, n = pair.answer().s, start / length if length > 0.1 else np.zeros(3)
+    s, *_ = separate(Shapes(pair.packed, pair.frames), 0, 1, np.inf, tuple(n.tolist()), APPROXIMATE, SCRATCH)
+    slack = PRECISE * pair.size
+    assert s <= exact + slack if exact >= 0.0 else s <= slack
+    assert s >= APPROXIMATE * exact - slack or exact < 0.0
 
 
 def moved(by: Array, at: Array) -> Array:
