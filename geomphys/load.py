@@ -14,7 +14,6 @@ from geomphys.errors import ConfigError
 from geomphys.numerics.transforms import compose, frame_from_matrix, matrix_from_frame
 from geomphys.scene.arrays import Floats
 from geomphys.scene.scene_cache import cache_world, load_cached_world
-from geomphys.scene.scene_file import load_scene_file
 from geomphys.scene.source_files import tracked_sources
 from geomphys.scene.world import World
 from geomphys.storage.cache import user_cache_folder
@@ -69,6 +68,7 @@ def load_world(
 
 def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
     from geomphys.scene.assembly import assemble, exclude_pairs  # a world from the cache needs none of it
+    from geomphys.scene.scene_file import load_scene_file
 
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
     return exclude_pairs(world, zero_pose_overlaps(world))
@@ -97,8 +97,8 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
     from geomphys.scene.assembly import assemble, exclude_pairs
     from geomphys.scene.scaled_urdf import scaled_urdf
 
-    folder, tables = user_cache_folder("urdfs"), []
-    for table in world.file.avatar:
+    folder, file, tables = user_cache_folder("urdfs"), world.file, []
+    for table in file.avatar:
         if table.name in scales:
             text = scaled_urdf(world.urdfs[table.name], scales[table.name].links)
             path = folder / f"{hashlib.sha256(text).hexdigest()}.urdf"
@@ -106,7 +106,7 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
                 write_file(path, text, force=True)
             table = table.model_copy(update={"urdf": str(path)})
         tables.append(table)
-    file = world.file.model_copy(update={"avatar": tuple(tables)})
+    file = file.model_copy(update={"avatar": tuple(tables)})
     scaled = assemble(file, world.path, mode=config.mode, seed=config.seed, progress=progress)
     factors = {name: scale.branches for name, scale in scales.items()}
     scaled = replace(

@@ -74,7 +74,7 @@ def export_lerobot(
         "task_index": np.zeros(count, np.int64),
     }
     stats = {name: _statistics(values) for name, values in columns.items()}
-    task = world.file.scene.name
+    task = world.facts.name
     with _new_folder(target) as draft:
         for name in ("data/chunk-000", "meta/episodes/chunk-000"):
             (draft / name).mkdir(parents=True)

@@ -122,7 +122,7 @@ def measure(
     span = (frames[-1].time_ns - frames[0].time_ns) * 1e-9
     return ExperimentResult(
         name=experiment.name,
-        scene=experiment.world.file.scene.name,
+        scene=experiment.world.facts.name,
         frames=len(frames),
         hertz=(len(frames) - 1) / span if span > 0 else 0.0,
         trees=len(scene.trees.role),

@@ -57,7 +57,7 @@ def scene_files(world: World) -> tuple[Attachment, ...]:
 
     try:
         texts = [Attachment(world.path.name, "application/toml", world.path.read_bytes())]
-        for table in world.file.object:
+        for table in world.facts.objects:
             if table.mesh is not None:
                 meshes[table.name] = attach((world.path.parent / table.mesh).resolve())
         for tree, urdf in sorted(world.urdfs.items()):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 
-from geomphys.scene.scene_file import SceneFile
+from geomphys.scene.scene_facts import SceneFacts
 
 Colour = tuple[int, int, int, int]
 
@@ -59,11 +59,8 @@ def colour_of_object(name: str, material: str, *, simulated: bool) -> Colour:
     return (min(255, int(red * shade)), min(255, int(green * shade)), min(255, int(blue * shade)), opacity)
 
 
-def colours_of_trees(file: SceneFile) -> dict[str, Colour]:
+def colours_of_trees(facts: SceneFacts) -> dict[str, Colour]:
     """Colour of every avatar and object of a scene by its name."""
-    avatars = {table.name: colour_of_material(table.material) for table in file.avatar}
-    objects = {
-        table.name: colour_of_object(table.name, table.material, simulated=table.class_ == "simulated")
-        for table in file.object
-    }
+    avatars = {name: colour_of_material(material) for name, material in facts.avatars}
+    objects = {o.name: colour_of_object(o.name, o.material, simulated=o.simulated) for o in facts.objects}
     return avatars | objects

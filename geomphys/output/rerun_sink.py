@@ -96,7 +96,7 @@ class RerunSink(ContextManaged):
         output = OutputFile(self._path, force=self._force, inputs=provenance.files, partial=True)
         identity = hashlib.sha256(json.dumps(provenance.record(complete=True)).encode()).hexdigest()
         try:
-            self._stream = RerunStream(output.temporary, identity[:32], world.file.scene.name)
+            self._stream = RerunStream(output.temporary, identity[:32], world.facts.name)
         except OSError as problem:
             raise output.error(problem) from problem
         self._output = output
@@ -172,7 +172,7 @@ class RerunSink(ContextManaged):
         for joint, name in self._joints:
             for root in (JOINTS, RECORDED_JOINTS):
                 self._stream.log_static((*root, *joint), rr.SeriesLines(names=name, widths=1.5))
-        palette = colours.colours_of_trees(world.file)
+        palette = colours.colours_of_trees(world.facts)
         self._own_colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         for body, (vertices, faces) in enumerate(world.triangles):
             if len(faces) == 0:

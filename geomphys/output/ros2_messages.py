@@ -128,7 +128,7 @@ class ContactMarkersEncoder:
 
 def encode_surface_markers(world: World, time_ns: int) -> bytes:
     """visualization_msgs/MarkerArray with the display meshes of all bodies, each moving with its frame."""
-    palette = colours_of_trees(world.file)
+    palette = colours_of_trees(world.facts)
     markers = []
     for body, (vertices, faces) in enumerate(world.triangles):
         if len(faces):

@@ -29,7 +29,7 @@ def encode_ghosts(world: World, time_ns: int) -> bytes:
 
 @lru_cache(maxsize=1)
 def _surfaces(world: World) -> SceneUpdate:
-    palette = colours_of_trees(world.file)
+    palette = colours_of_trees(world.facts)
     message = SceneUpdate()
     for body, mesh in enumerate(world.triangles):
         colour = palette[world.tree_names[world.scene.bodies.tree[body]]]

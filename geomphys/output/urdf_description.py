@@ -25,7 +25,7 @@ from geomphys.output.colours import Colour, colours_of_trees
 from geomphys.output.primitive_fit import PlacedPrimitive, primitives_of_body, raised
 from geomphys.scene.free_joints import joint_ends, links_above_free_joint
 from geomphys.scene.primitives import PRIMITIVES, PrimitiveShape, attributes_of
-from geomphys.scene.scene_file import ObjectTable
+from geomphys.scene.scene_facts import ObjectFacts
 from geomphys.scene.urdf_elements import SHAPES
 from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath
@@ -41,12 +41,12 @@ def descriptions(world: World) -> Mapping[str, str]:
     MeshError if a URDF cannot be read.
     """
     texts: dict[str, str] = {}
-    palette = colours_of_trees(world.file)
+    palette = colours_of_trees(world.facts)
     for tree, name in enumerate(world.tree_names):
         if name in world.urdfs:
             topic = "/robot_description" if tree == 0 and world.avatar_count == 1 else f"/{name}/robot_description"
             texts[topic] = urdf_for_viewers(world.urdfs[name], _links_of(world, tree), palette[name])
-    plain = [table for table in world.file.object if table.name not in world.urdfs]
+    plain = [table for table in world.facts.objects if table.name not in world.urdfs]
     if plain:
         name = "objects"
         while name in world.tree_names:
@@ -208,7 +208,7 @@ def _numbers(text: str | None, count: int = 3) -> list[float]:
     return [float(word) for word in (text or "").replace(",", " ").split()] or [0.0] * count
 
 
-def urdf_of_objects(name: str, tables: Sequence[ObjectTable], world: World, palette: dict[str, Colour]) -> str:
+def urdf_of_objects(name: str, tables: Sequence[ObjectFacts], world: World, palette: dict[str, Colour]) -> str:
     """URDF in which every object is a link of its name that floats in the link ``world``."""
     robot = etree.Element("robot", name=name)
     etree.SubElement(robot, "link", name=WORLD)
@@ -225,7 +225,7 @@ def urdf_of_objects(name: str, tables: Sequence[ObjectTable], world: World, pale
     return text
 
 
-def _primitives_of_object(table: ObjectTable, world: World) -> list[PlacedPrimitive]:
+def _primitives_of_object(table: ObjectFacts, world: World) -> list[PlacedPrimitive]:
     """An object of the scene file in primitives that every viewer knows."""
     if table.primitive is None:
         return primitives_of_body(world, world.body_names.index(table.name))

@@ -22,7 +22,7 @@ from geomphys.recording.recorded_space import RecordedSpace
 from geomphys.recording.report import RecordingReport
 from geomphys.recording.stamps import WRITABLE_TIMES
 from geomphys.scene.findings import Findings
-from geomphys.scene.recording_tables import RecordingTable
+from geomphys.scene.scene_facts import RecordingFacts
 from geomphys.scene.world import World
 from geomphys.storage.remote_files import AnyPath, as_path
 
@@ -137,7 +137,7 @@ def check_log(log: AnyPath | str, world: World, config: Config | None = None) ->
         joints=mapped,
         recording=recording,
         zero_pose_overlaps=world.zero_pose_overlaps,
-        space=_space(world.file.recording),
+        space=_space(world.facts.recording),
         findings=world.findings,
         keypoint_scale=world.keypoint_scale,
     )
@@ -186,7 +186,7 @@ def _rpy_warnings(world: World) -> Iterator[str]:
             yield f"{where}: rpy = {list(rpy or ())}: degrees are expected, and these look like radians"
 
 
-def _space(table: RecordingTable) -> SpaceReport | None:
+def _space(table: RecordingFacts) -> SpaceReport | None:
     """The space described by `[recording]`; None if it is the world in metres."""
     if RecordedSpace.from_table(table) == RecordedSpace():
         return None

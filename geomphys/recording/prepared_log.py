@@ -44,7 +44,7 @@ class PreparedLog:
         if problem is not None:
             raise LogError(problem)
         without_lost_points(self.plan, self.prescan)
-        recorded = world.file.recording
+        recorded = world.facts.recording
         self.space = RecordedSpace.from_table(recorded)
         self.transforms = plan_transforms(self.reader, self.plan, self.prescan, recorded.frame)
         for key in self.transforms.keys - set(self.prescan.readers):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from geomphys.recording.pose_tuples import IDENTITY, PoseTuple, compose
-from geomphys.scene.recording_tables import RecordingTable
+from geomphys.scene.scene_facts import RecordingFacts
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class RecordedSpace:
     units_per_metre: float = 1.0
 
     @classmethod
-    def from_table(cls, table: RecordingTable) -> RecordedSpace:
+    def from_table(cls, table: RecordingFacts) -> RecordedSpace:
         """The space that a scene file's `[recording]` describes."""
         return cls((*table.position, *table.rotation), {"m": 1.0, "cm": 100.0, "mm": 1000.0}[table.unit])
 

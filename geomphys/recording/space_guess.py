@@ -15,7 +15,7 @@ import numpy as np
 
 from geomphys.numerics.even_samples import EvenSamples
 from geomphys.recording.name_words import words
-from geomphys.scene.recording_tables import RecordingTable
+from geomphys.scene.scene_facts import RecordingFacts, facts_of_recording
 
 Corner = tuple[float, float, float]
 LengthUnit = Literal["m", "cm", "mm"]
@@ -64,10 +64,12 @@ class SpaceGuess(NamedTuple):
     is_unit_certain: bool = True
 
     @property
-    def table(self) -> RecordingTable:
+    def table(self) -> RecordingFacts:
         """The `[recording]` table of this space, without uncertain guesses."""
+        from geomphys.scene.recording_tables import RecordingTable
+
         up = self.up if self.is_up_certain else "z"
-        return RecordingTable(up=up, unit=self.unit if self.is_unit_certain else "m")
+        return facts_of_recording(RecordingTable(up=up, unit=self.unit if self.is_unit_certain else "m"))
 
 
 @dataclass

@@ -55,8 +55,8 @@ def angle_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[str]:
 
 def space_warnings(source: PreparedLog, log_pass: LogPass) -> Iterator[str]:
     """Warnings if the up axis or unit of the poses differs from the scene's, by `guess_space`."""
-    table = source.world.file.recording
-    stated = table.model_fields_set
+    table = source.world.facts.recording
+    stated = set(table.stated)
     motions = [m for r in log_pass.poses if (m := r.samples.motion()) is not None]
     names = [n for p in source.plan.poses for n in (p.topic, p.child, p.channels[0].schema_name)]
     guess = guess_space(motions, names)

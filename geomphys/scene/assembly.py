@@ -31,6 +31,7 @@ from geomphys.scene.frame_ids import make_frame_ids_unique
 from geomphys.scene.joint_sources import joint_sources, keypoint_sources
 from geomphys.scene.materials import MaterialTable, material_table
 from geomphys.scene.pieces import PosedShape, build_pieces
+from geomphys.scene.scene_facts import facts_of
 from geomphys.scene.scene_file import AvatarTable, Coupling, ObjectTable, SceneFile
 from geomphys.scene.topic_sources import RootSource
 from geomphys.scene.trees import Tree, TreeBody, read_avatar, read_object
@@ -95,7 +96,8 @@ def assemble(
         initial_velocity=_velocities(trees, body_start),
     )
     return World(
-        file=file,
+        facts=facts_of(file),
+        parsed_file=file,
         path=path,
         scene=scene,
         tree_names=tuple(t.name for t in trees),

@@ -12,11 +12,11 @@ import os
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
-from typing import Any
 
 from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, ReachCones, Scene, Trees
 from geomphys.scene.findings import DefaultPair, Findings, NotShown, RenamedFrame
-from geomphys.scene.scene_file import load_scene_file
+from geomphys.scene.primitives import PrimitiveShape
+from geomphys.scene.scene_facts import ObjectFacts, RecordingFacts, SceneFacts
 from geomphys.scene.source_files import Sources, track_sources
 from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
 from geomphys.scene.world import World
@@ -45,6 +45,10 @@ RECORDS = (
     RenamedFrame,
     DefaultPair,
     Sources,
+    SceneFacts,
+    RecordingFacts,
+    ObjectFacts,
+    PrimitiveShape,
 )
 """All records that a world is made of."""
 SEARCH_PATH_VARIABLES = ("AMENT_PREFIX_PATH", "ROS_PACKAGE_PATH")
@@ -58,7 +62,7 @@ def load_cached_world(path: AnyPath, mode: str | None, seed: int) -> World | Non
         return None
     world, sources_of_world = cached
     track_sources(sources_of_world)
-    return dataclasses.replace(world, file=load_scene_file(path))
+    return world
 
 
 def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed: int) -> None:
@@ -66,8 +70,7 @@ def cache_world(world: World, sources_of_world: Sources, mode: str | None, seed:
     if len(sources_of_world.contents) < 2 or world.findings.not_shown:
         return
     store = _store()
-    without_file: Any = None  # the scene file is read again
-    stored = dataclasses.replace(world, file=without_file)
+    stored = dataclasses.replace(world, parsed_file=None)  # it is read again where it is asked for
     store.save(_cache_key(world.path, mode, seed), (stored, sources_of_world))
     with suppress(OSError):  # removed by another process, or read-only
         for oldest in sorted(store.folder.iterdir(), key=lambda file: file.stat().st_mtime)[:-MAX_WORLDS]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from geomphys.scene.arrays import Floats, Ints, Scene
 from geomphys.scene.findings import Findings
+from geomphys.scene.scene_facts import SceneFacts
 
 if TYPE_CHECKING:
     from geomphys.scene.scene_file import SceneFile
@@ -21,7 +22,7 @@ class World:
     Immutable, and equal to itself alone, so that derived values can be cached with it (`functools.lru_cache`).
     """
 
-    file: SceneFile
+    facts: SceneFacts
     path: AnyPath
     scene: Scene
     tree_names: tuple[str, ...]  # (T,)
@@ -46,3 +47,13 @@ class World:
     palm_orientations: dict[str, PalmOrientation] = field(default_factory=dict)  # of avatars that are fitted to points
     findings: Findings = field(default_factory=Findings)  # warnings and notes for the user
     source_files: tuple[AnyPath, ...] = ()  # absolute paths of all files it was loaded from
+    parsed_file: SceneFile | None = None  # None: it came from the cache
+
+    @property
+    def file(self) -> SceneFile:
+        """The scene file; one that came from the cache is read. Raises SceneError."""
+        if self.parsed_file is not None:
+            return self.parsed_file
+        from geomphys.scene.scene_file import load_scene_file  # with the models that check it
+
+        return load_scene_file(self.path)

@@ -43,7 +43,7 @@ class FramePainter:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        palette = colours.colours_of_trees(world.file)
+        palette = colours.colours_of_trees(world.facts)
         self._colours = [palette[world.tree_names[tree]] for tree in world.scene.bodies.tree]
         self._meshes = [with_vertex_normals(vertices, faces) for vertices, faces in world.triangles]
         self._ball = sphere_triangles(1.0, 12)

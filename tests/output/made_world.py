@@ -10,6 +10,7 @@ import numpy as np
 
 from geomphys.results import Contacts, Frame, FrameResult, Metrics, Penetrations
 from geomphys.scene import arrays as s
+from geomphys.scene.scene_facts import facts_of
 from geomphys.scene.scene_file import SceneFile
 from geomphys.scene.world import World
 
@@ -112,7 +113,7 @@ def make_world(folder: Path, avatars: Sequence[str]) -> World:
         initial_velocity=np.zeros((bodies, 6)),
     )
     return World(
-        file=file,
+        facts=facts_of(file),
         path=folder / "scene.toml",
         scene=scene,
         tree_names=(*avatars, *objects),

@@ -34,6 +34,7 @@ from geomphys.scene.arrays import (
     Trees,
 )
 from geomphys.scene.recording_tables import RecordingTable
+from geomphys.scene.scene_facts import SceneFacts, facts_of_recording
 from geomphys.scene.scene_file import SceneFile
 from geomphys.scene.topic_sources import JointSource, RootSource
 from geomphys.scene.world import World
@@ -399,8 +400,10 @@ def make_world(*trees: Tree, recording: dict[str, Any] | None = None) -> World:
         initial_velocity=np.zeros((bodies, 6)),
     )
     names = tuple(f"{ordered[t].name}/{i}" for i, t in enumerate(body_tree))
+    table = RecordingTable(**(recording or {}))
     return World(
-        file=SceneFile.model_construct(recording=RecordingTable(**(recording or {}))),
+        facts=SceneFacts(recording=facts_of_recording(table)),
+        parsed_file=SceneFile.model_construct(recording=table),
         path=Path("scene.toml"),
         scene=scene,
         tree_names=tuple(t.name for t in ordered),
