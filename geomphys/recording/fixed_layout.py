@@ -13,9 +13,12 @@ from collections.abc import Callable, Iterable, Sequence
 from operator import itemgetter
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.samples import Content, JointSample, Pose
-from geomphys.recording.stamps import stamp_of
+from geomphys.recording.stamps import STAMP_LIMIT, stamp_of
 
 Read = Callable[[bytes], Content]
 Kind = Literal["time", "number", "unused"]
@@ -27,6 +30,7 @@ HEAD_BYTES = 4  # of CDR; alignment counts from behind it
 LITTLE_ENDIAN = 1  # the second of them
 ALIGNMENT = {"time": 4, "number": 8}
 WINDOW_BYTES = 8  # a number, or seconds and nanoseconds
+_TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
 MAX_BYTES = 65_536  # of a message; longer ones are left to the decoder
 MAX_LAYOUTS = 16  # of a channel: as many lengths of messages
 FIRST_TRIALS = 64
@@ -61,6 +65,14 @@ class PoseShape(NamedTuple):
 Shape = JointShape | tuple[PoseShape, ...]
 
 
+class Columns(NamedTuple):
+    """The contents of n messages of one layout: one sample of joints, or one pose, each with a stamp."""
+
+    shape: JointShape | PoseShape
+    stamps: NDArray[np.int64]  # (n,) ns
+    values: NDArray[np.float64]  # (n, k) of the joints, or the seven of the pose
+
+
 class FixedLayoutReader:
     """Reads messages as `read` does, and sooner once their layout is known."""
 
@@ -88,6 +100,11 @@ class FixedLayoutReader:
         elif len(self._layouts) < MAX_LAYOUTS and HEAD_BYTES < len(data) <= MAX_BYTES and data[1] == LITTLE_ENDIAN:
             self._layouts[len(data)] = _Layout(data, content)
         return content
+
+    def columns(self, messages: Sequence[bytes]) -> Columns | None:
+        """The contents of many messages at once; None where they are not all of one layout, known by now, with such contents."""
+        layout = self._layouts.get(len(messages[0]))
+        return None if layout is None else layout.columns(messages)
 
     def _try(self, data: bytes) -> Content | None:
         """Content of a message that was made up; None if it has none, or too many were tried."""
@@ -130,6 +147,7 @@ class _Layout:
         self._numbers, self._times = struct.Struct(codes), [at for at, _ in times]
         leaves = range(len(self._constants))
         self._pick = itemgetter(*(sources.get(leaf, first_constant + leaf) for leaf in leaves)) if windows else None
+        self._columns: _ColumnBytes | None = None
 
     def content(self, data: bytes) -> Content | None:
         """Content of a message of that length; None if it is of another layout, or has a time that cannot be."""
@@ -141,6 +159,29 @@ class _Layout:
         except ValueError:
             return None
         return _content_of(self._shape, self._pick((*numbers, *times, *self._constants)))
+
+    def columns(self, messages: Sequence[bytes]) -> Columns | None:
+        """See `FixedLayoutReader.columns`."""
+        shape = (
+            self._shape if isinstance(self._shape, JointShape) else self._shape[0] if len(self._shape) == 1 else None
+        )
+        if self._pick is None or shape is None:
+            return None
+        if self._columns is None:
+            self._columns = _ColumnBytes.of(self._data, self._windows, self._constants, self._mask)
+        at = self._columns
+        if at.stamp is None or any(len(data) != len(self._data) for data in messages):
+            return None
+        rows = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
+        if ((rows ^ at.reference) & at.fixed).any():
+            return None
+        stamps = np.ascontiguousarray(rows[:, at.stamp : at.stamp + WINDOW_BYTES]).view(_TIME)[:, 0]
+        times = stamps["sec"].astype(np.int64) * 10**9 + stamps["nanosec"]
+        if times.min() < 0 or times.max() >= STAMP_LIMIT:
+            return None
+        values = np.tile(at.constants, (len(messages), 1))
+        values[:, at.leaves] = np.ascontiguousarray(rows[:, at.numbers]).view("<f8")
+        return Columns(shape, times, values)
 
     def learn(self, data: bytes, content: Content, trial: Callable[[bytes], Content | None]) -> None:
         """Find out what the bytes are that differ in this message."""
@@ -158,6 +199,31 @@ class _Layout:
                 starts = [s for s in starts if data[s : s + WINDOW_BYTES] in stamps]
             windows += trials.windows(kind, [s for s in starts if HEAD_BYTES <= s <= len(data) - WINDOW_BYTES])
         self._adopt(data, content, windows)
+
+
+class _ColumnBytes(NamedTuple):
+    """Which bytes of the messages of a layout the numbers of a content are."""
+
+    reference: NDArray[np.uint8]  # (size,) a message
+    fixed: NDArray[np.uint8]  # (size,) 255 where all messages have its bytes
+    stamp: int | None  # where the stamp begins; None: it is not known to be the only time
+    numbers: NDArray[np.int64]  # (8 m,) bytes of the numbers
+    leaves: NDArray[np.int64]  # (m,) which values these are
+    constants: NDArray[np.float64]  # (k,) the values in that message
+
+    @classmethod
+    def of(cls, data: bytes, windows: Sequence[Window], constants: Leaves, mask: int) -> _ColumnBytes:
+        """Those of the layout with these windows, of a message and the leaves of its content."""
+        times = [window for window in windows if window.kind == "time"]
+        numbers = [(window.start, leaf - 1) for window in windows if window.kind == "number" for leaf in window.leaves]
+        return cls(
+            np.frombuffer(data, np.uint8),
+            np.frombuffer(mask.to_bytes(len(data), "little"), np.uint8),
+            times[0].start if len(times) == 1 and times[0].leaves == (0,) else None,
+            np.array([start + k for start, _ in numbers for k in range(WINDOW_BYTES)], np.int64),
+            np.array([leaf for _, leaf in numbers], np.int64),
+            np.array(constants[1:], np.float64),
+        )
 
 
 def _covered(size: int, windows: Iterable[Window]) -> bytearray:

@@ -17,6 +17,7 @@ from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.input_plan import is_static
 from geomphys.recording.keypoint_routes import KeypointRoute
+from geomphys.recording.message_batches import BatchAdder, batches
 from geomphys.recording.message_times import Watermark
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.prepared_log import PreparedLog
@@ -58,8 +59,8 @@ class LogPass:
         self.default_roots = np.ascontiguousarray(scene.trees.rest, dtype=np.float64)
         self.default_angles = np.zeros(len(scene.dofs.lower))
         self.prismatic = source.prismatic
-        earliest_delay = min([0, *(pose.delay for pose in self.poses), *(joints.delay for joints in self.joints)])
-        self.lookahead = gap + delay - earliest_delay + gap * self.tracks.moving
+        self.earliest_delay = min([0, *(pose.delay for pose in self.poses), *(joints.delay for joints in self.joints)])
+        self.lookahead = gap + delay - self.earliest_delay + gap * self.tracks.moving
         self.recorded = np.zeros(len(self.default_angles), dtype=bool)
         for route in self.joints:
             self.recorded[route.columns] = True
@@ -111,22 +112,40 @@ class LogPass:
         if self.source.plan.clock is None:
             self.clock.add(self.source.reader.start_ns)
             self.clock.add(self.source.reader.end_ns)
-        watermark, clock, lookahead = Watermark(), self.clock, self.lookahead
-        keys = set(self.routes)
-        for raw in self.source.reader.read(keys, file_order=self.source.file_order) if keys else ():
-            self._process(raw, watermark)
-            for time in clock.until(watermark.time - lookahead):
-                frame = self._frame(time)
-                if frame is not None:
-                    yield frame
-                elif self.config.end is not None and time > self.first_time + self.config.end * 1e9:
+        watermark, keys, adder = Watermark(), set(self.routes), self._batch_adder()
+        messages = self.source.reader.read(keys, file_order=self.source.file_order) if keys else iter(())
+        for batch in ([raw] for raw in messages) if adder is None else batches(messages):
+            if adder is not None and adder.add(batch, watermark):
+                yield from self._frames_until(watermark.time - self.lookahead)
+                continue
+            for raw in batch:
+                self._process(raw, watermark)
+                yield from self._frames_until(watermark.time - self.lookahead)
+                if self.config.end is not None and self.last_frame_time - self.first_time > self.config.end * 1e9:
                     return
         if self.stamp_monitor is not None:
             self.stamp_monitor.finish()
-        for time in clock.until(2**63):
+        yield from self._frames_until(2**63)
+
+    def _frames_until(self, limit: int) -> Iterator[Frame]:
+        """The frames up to a time [ns] that were not made before."""
+        for time in self.clock.until(limit):
             frame = self._frame(time)
             if frame is not None:
                 yield frame
+
+    def _batch_adder(self) -> BatchAdder | None:
+        """What adds many messages at once; None where a frame may depend on which came before it was made."""
+        config, delay = self.config, round(self.config.max_delay * 1e9)
+        goes_by_stamps = self.stamp_monitor is not None and config.time == "header"
+        is_cut = config.start is not None or config.end is not None
+        clock_is_early = any(route.clock and route.clock_delay < self.earliest_delay for route in self.routes.values())
+        if not goes_by_stamps or is_cut or clock_is_early or self.keypoints or self.tracks.moving:
+            return None
+        assert self.stamp_monitor is not None
+        return BatchAdder(
+            self.routes, self._readers, self.times, self.stamp_monitor, self._monitored, self.clock, delay
+        )
 
     def _process(self, raw: RawMessage, watermark: Watermark) -> None:
         """Add a message."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import heapq
 
+import numpy as np
+from numpy.typing import NDArray
+
 from geomphys.config import TimeSource
 from geomphys.errors import LogError
 from geomphys.recording.display_names import printable
@@ -111,3 +114,8 @@ class Watermark:
         elif time > self.time:
             heapq.heapreplace(self.latest, time)
             self.time = self.latest[0]
+
+    def add_many(self, times: NDArray[np.int64]) -> None:
+        """Add the times of messages (n,)."""
+        for time in np.sort(times)[-WATERMARK_RANK:].tolist():
+            self.add(time)

@@ -16,7 +16,7 @@ from geomphys.recording.pose_tuples import PoseTuple, compose
 from geomphys.recording.space_guess import MotionSamples
 from geomphys.recording.stamps import NEVER
 from geomphys.recording.stream_prescan import Prescan, joint_key
-from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, validated_pose
+from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, are_valid, validated_pose
 from geomphys.recording.transform_chain import TransformBuffer, TransformChain, TransformTrack
 
 Floats = NDArray[np.float64]
@@ -89,6 +89,26 @@ class RootRoute:
         else:
             insort(self._pending, (time, value, chain), key=lambda item: item[0])
 
+    def plain_values(self, time: int, values: Floats, frame: str) -> Floats | None:
+        """Poses (n, 7) in a frame, the first at a time [ns], in metres; None unless they are good, and go on in that space."""
+        if (
+            self.static
+            or self._chains.get(frame, self) is not None
+            or time <= self.latest
+            or not self.stream.goes_on(time)
+        ):
+            return None
+        if not self.is_metric and self.space.units_per_metre != 1.0:
+            values = np.concatenate([values[:, :3] / self.space.units_per_metre, values[:, 3:]], axis=1)
+        return values if are_valid(values) else None
+
+    def extend(self, times: list[int], values: Floats) -> None:
+        """Add poses of increasing times that are `plain_values`."""
+        self.latest, poses = times[-1], list(map(tuple, values.tolist()))
+        for time, (x, y, z, *_) in zip(times, poses, strict=True):
+            self.samples.add(time, x, y, z)
+        self.stream.extend(times, poses)
+
     def resolve(self, time: int, until: int) -> None:
         """Transform pending poses up to `until` [ns] to the recorded space, and an attached static pose at `time`."""
         if self.attached is not None:
@@ -152,7 +172,7 @@ class _ColumnMap:
 
     source: Ints
     target: Ints
-    is_whole: bool  # every column is written, in its order
+    is_whole: bool  # every column is written
     takes_all: bool  # from the first value on, in their order
 
 
@@ -263,6 +283,26 @@ class JointRoute:
         self.stream.add(time, row, bad)
         return True
 
+    def plain_values(self, time: int, names: tuple[str, ...], values: Floats) -> Floats | None:
+        """Rows (n, m) of messages (n, k), the first at a time [ns]; None unless they are good, of all joints, and go on."""
+        columns = self._column_maps.get(names)
+        is_other = self.input.side or columns is None or not columns.is_whole or len(names) != values.shape[1]
+        if is_other or self.stream is None or time <= self.latest or not self.stream.goes_on(time):
+            return None
+        assert columns is not None
+        rows = values[:, columns.source]
+        if self._converts:
+            with np.errstate(all="ignore"):
+                rows *= self.scale
+                rows += self.offsets
+        return rows if bool((np.abs(rows) < VALUE_LIMIT).all()) else None
+
+    def extend(self, times: list[int], rows: Floats) -> None:
+        """Add messages of increasing times whose rows are `plain_values`."""
+        assert self.stream is not None
+        self.latest = times[-1]
+        self.stream.extend(times, rows)
+
     def _make_column_map(self, names: tuple[str, ...]) -> _ColumnMap:
         """Make the column map of a list of names; of duplicate names the first is used."""
         index_of_column: dict[int, int] = {}
@@ -271,12 +311,9 @@ class JointRoute:
             if column is not None and column in self.index_of_column:
                 index_of_column.setdefault(self.index_of_column[column], i)
         add_names(self.names, names)
-        target = np.array(list(index_of_column), dtype=np.int64)
+        target, source = np.array(sorted(index_of_column.items()), dtype=np.int64).reshape(-1, 2).T.copy()
         column_map = _ColumnMap(
-            np.array(list(index_of_column.values()), dtype=np.int64),
-            target,
-            np.array_equal(target, np.arange(len(self.columns))),
-            list(index_of_column.values()) == list(range(len(index_of_column))),
+            source, target, len(target) == len(self.columns), np.array_equal(source, np.arange(len(source)))
         )
         if len(self._column_maps) >= MAX_COLUMN_MAPS:
             self._column_maps.clear()

@@ -7,10 +7,14 @@ stretch the motion raise LogError, plausible anomalies give warnings; both name 
 
 from __future__ import annotations
 
+import copy
 import statistics
 from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.errors import LogError
 from geomphys.recording.display_names import printable
@@ -18,11 +22,13 @@ from geomphys.recording.message_times import Watermark
 from geomphys.recording.stamps import NEVER
 from geomphys.storage.remote_files import AnyPath
 
+Ints = NDArray[np.int64]
+
 REMEDY = "--time log goes by when the log received the messages"
 CONFIRMING_MESSAGES = 5
 """Consecutive messages that confirm a jump back, as opposed to a single wrong stamp."""
-MIN_RATE_MESSAGES = 16
-"""Messages of a stream before its rate is judged while reading; at the end of the log `MIN_FINAL_MESSAGES`."""
+RATE_COUNTS = tuple(1 << k for k in range(4, 63))
+"""Numbers of messages of a stream at which its rate is judged while reading; at the end of the log from `MIN_FINAL_MESSAGES`."""
 MIN_FINAL_MESSAGES = 4
 WRONG_UNIT_RATIO = 100.0
 """Ratio of stamp and log time spans from which stamps are in a wrong unit."""
@@ -100,6 +106,42 @@ class StampTrack:
         self.max_log_time.add(log_time)
         return self.messages_late >= CONFIRMING_MESSAGES
 
+    def is_steady(self, stamps: Ints, log_times: Ints) -> bool:
+        """Whether messages (n,) go on as those before: their stamps only increase, and pass the checks of their rate."""
+        return (
+            self.count >= OFFSET_WINDOW
+            and not self.messages_late
+            and self.backward_jump is None
+            and bool(stamps[0] > max(self.max_stamp.latest))
+            and bool((np.diff(stamps) > 0).all())
+            and not any(
+                self._with_steady(stamps[:k], log_times[:k]).has_wrong_rate
+                for k in (count - self.count for count in RATE_COUNTS)
+                if 0 < k <= len(stamps)
+            )
+        )
+
+    def _with_steady(self, stamps: Ints, log_times: Ints) -> StampTrack:
+        """A track as this one would be with such messages."""
+        other = copy.deepcopy(self)
+        other.add_steady(stamps, log_times)
+        return other
+
+    def add_steady(self, stamps: Ints, log_times: Ints) -> None:
+        """Add messages for which `is_steady` is true."""
+        ends = np.concatenate([[self.previous], np.stack([stamps, log_times], axis=1)])
+        steps = np.diff(ends, axis=0)
+        excess = steps[:, 0] - steps[:, 1]
+        k = int(excess.argmax())
+        if excess[k] > self.max_excess:
+            (before, log_before), (after, log_time) = ends[k : k + 2].tolist()
+            self.largest_jump, self.max_excess = StampStep(before, after, log_before, log_time), int(excess[k])
+        self.previous = int(stamps[-1]), int(log_times[-1])
+        self.count += len(stamps)
+        self.offsets.extend((stamps - log_times)[-OFFSET_WINDOW:].tolist())
+        self.max_stamp.add_many(stamps)
+        self.max_log_time.add_many(log_times)
+
     @property
     def spans(self) -> tuple[int, int]:
         """Spans of stamps and log times, ns; robust to a single corrupt stamp."""
@@ -162,8 +204,7 @@ class StampMonitor:
             track = self.tracks[key] = StampTrack()
         if track.add(stamp, log_time, self.delay):
             raise LogError(self._restart_message(key, track))
-        count = track.count
-        if count >= MIN_RATE_MESSAGES and count & (count - 1) == 0 and track.has_wrong_rate:
+        if track.count in RATE_COUNTS and track.has_wrong_rate:
             raise LogError(self._wrong_rate_message(key, track))
 
     def finish(self) -> None:

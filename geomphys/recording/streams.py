@@ -65,6 +65,15 @@ def validated_pose(value: PoseTuple) -> PoseTuple | None:
     return value if abs(norm - 1) <= UNIT_NORM_TOLERANCE else (x, y, z, a / norm, b / norm, c / norm, d / norm)
 
 
+def are_valid(values: Floats) -> bool:
+    """Whether `validated_pose` would return all of the poses (n, 7) as they are."""
+    x, y, z, a, b, c, d = values.T
+    with np.errstate(all="ignore"):
+        norm = np.sqrt(a * a + b * b + c * c + d * d)
+        good = (np.abs(norm - 1) <= UNIT_NORM_TOLERANCE) & (np.abs(x) + np.abs(y) + np.abs(z) < VALUE_LIMIT)
+    return bool(good.all())
+
+
 def interpolate_poses(a: PoseTuple, b: PoseTuple, w: float) -> PoseTuple:
     """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
     position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
@@ -136,6 +145,16 @@ class PoseStream:
             return
         times.insert(at, time)
         self.values.insert(at, good)
+
+    def goes_on(self, time: int) -> bool:
+        """Whether its first value is known, and a sample of that time [ns] is its latest."""
+        begins = self.last is not None or (bool(self.values) and self.values[0] is not None)
+        return begins and time > (self.times[-1] if self.times else self.frame_time)
+
+    def extend(self, times: list[int], values: list[PoseTuple]) -> None:
+        """Add samples of increasing times, for the first of which it `goes_on`; `are_valid`."""
+        self.times += times
+        self.values += values
 
     def _move_past(self, time: int, value: PoseTuple | None) -> None:
         """Move past a sample."""
@@ -249,6 +268,18 @@ class JointStream:
         self.rows.insert(at, row)
         self.full.insert(at, full or not bool(np.isnan(row).any()))
         self.bad_masks.insert(at, bad)
+
+    def goes_on(self, time: int) -> bool:
+        """Whether the first values of all joints are known, and a sample of that time [ns] is its latest."""
+        begins = self.full[0] if self.times else self.row_full
+        return begins and time > (self.times[-1] if self.times else self.frame_time)
+
+    def extend(self, times: list[int], rows: Floats) -> None:
+        """Add samples (n, m) in which no joint is missing, of increasing times, for the first of which it `goes_on`."""
+        self.times += times
+        self.rows.extend(rows)
+        self.full += [True] * len(times)
+        self.bad_masks += [None] * len(times)
 
     def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
         """Merge a second sample of the same time: it only fills joints that the first lacks."""

@@ -1,0 +1,129 @@
+"""Messages that are added many at once give the frames and the report that they give one by one."""
+
+from __future__ import annotations
+
+import math
+import random
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from geomphys.config import Config
+from geomphys.errors import LogError
+from geomphys.recording import channels, log_pass, message_batches
+from geomphys.recording.frames import FrameSource
+from tests.recording.log_files import Item, Tree, joints, make_world, pose, turned, write_log
+
+WORLD = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b", "c")))
+S = 10**9
+
+
+def steady(seconds: float = 8.0) -> list[Item]:
+    """A wrist at 60 Hz, and three joints at 50 Hz in another order than the scene's."""
+    wrist = [
+        pose("/wrist", 100 + k / 60, (math.sin(k / 60), 0.1, 0.2, *turned(k / 90)), stamp=90 * S + k * S // 60)
+        for k in range(int(60 * seconds))
+    ]
+    glove = [
+        joints(
+            "/glove",
+            100.003 + k / 50,
+            {n: math.sin(k / 9 + i) for i, n in enumerate("cab")},
+            stamp=90 * S + k * S // 50,
+        )
+        for k in range(int(50 * seconds))
+    ]
+    return sorted([*wrist, *glove], key=lambda item: item.log_time)
+
+
+def found(path: Path, config: Config, monkeypatch: pytest.MonkeyPatch, *, batches: bool) -> tuple[object, int]:
+    """What a log gives: frames with all bits, report or error; and how many batches were added at once."""
+    added = [0]
+    add = message_batches.BatchAdder.add
+
+    def counted(self, batch, watermark):
+        done = batches and add(self, batch, watermark)
+        added[0] += done
+        return done
+
+    with monkeypatch.context() as patch:
+        patch.setattr(channels, "_cache", threading.local())  # readers that have learned no layout yet
+        patch.setattr(log_pass.BatchAdder, "add", counted)
+        frames = []
+        try:
+            with FrameSource(path, WORLD, config) as source:
+                for f in source:
+                    frames.append((f.index, f.time_ns, f.roots.tobytes(), f.angles.tobytes(), f.held, f.flags))
+                return (frames, source.report), added[0]
+        except LogError as error:
+            return (frames, str(error)), added[0]
+
+
+def late(items: list[Item], k: int, chance: random.Random) -> None:
+    items.insert(min(len(items), k + chance.randrange(1, 250)), items.pop(k))
+    for i, item in enumerate(items):  # the order in the file is that of the log times
+        items[i] = replace(item, log_time=100 * S + i * S // 110)
+
+
+def late_topic(items: list[Item], k: int, chance: random.Random) -> None:
+    items[k:] = [replace(i, log_time=i.log_time + 2 * S * (i.topic == "/glove")) for i in items[k:]]
+    items.sort(key=lambda item: item.log_time)
+
+
+def changed(**values: object) -> Callable[[list[Item], int, random.Random], None]:
+    def change(items: list[Item], k: int, chance: random.Random) -> None:
+        items[k] = replace(items[k], **values)
+
+    return change
+
+
+def value(make: Callable[[Item], object]) -> Callable[[list[Item], int, random.Random], None]:
+    def change(items: list[Item], k: int, chance: random.Random) -> None:
+        items[k] = replace(items[k], value=make(items[k]))
+
+    return change
+
+
+IRREGULAR: dict[str, Callable[[list[Item], int, random.Random], None]] = {
+    "nothing": lambda items, k, chance: None,
+    "late": late,
+    "late topic": late_topic,
+    "repeated": lambda items, k, chance: items.insert(k, items[k]),
+    "gap": lambda items, k, chance: items.__delitem__(slice(k, k + 60)),
+    "zero stamp": changed(stamp=0),
+    "stamp of the future": changed(stamp=95 * S),
+    "stamp of the past": changed(stamp=80 * S),
+    "bad value": value(lambda i: dict(i.value, a=math.nan) if i.kind == "joints" else (math.nan, *i.value[1:])),
+    "scaled": value(lambda i: dict.fromkeys(i.value, 2000000000.0) if i.kind == "joints" else tuple(1.001 * v for v in i.value)),
+    "missing": value(lambda i: {n: v for n, v in i.value.items() if n != "b"} if i.kind == "joints" else i.value),
+    "another order": value(lambda i: dict(reversed(i.value.items())) if i.kind == "joints" else i.value),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IRREGULAR)
+@pytest.mark.parametrize("rate", [None, 45.0])
+def test_the_same_frames_and_report(
+    name: str, rate: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chance = random.Random(name)
+    for trial in range(4):
+        items = steady()
+        for _ in range(trial):
+            IRREGULAR[name](items, chance.randrange(len(items) - 60), chance)
+        path = write_log(tmp_path / f"{trial}.mcap", items)
+        config = Config(rate=rate)
+        one_by_one, _ = found(path, config, monkeypatch, batches=False)
+        at_once, added = found(path, config, monkeypatch, batches=True)
+        assert at_once == one_by_one
+        assert added or trial, "of a steady recording most messages are added at once"
+
+
+def test_a_jump_to_another_clock_is_found_at_the_same_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    items = [replace(item, stamp=item.stamp + (k > 400) * 10**6 * S) for k, item in enumerate(steady())]
+    path = write_log(tmp_path / "log.mcap", items)
+    one_by_one, _ = found(path, Config(), monkeypatch, batches=False)
+    assert "jump ahead by" in str(one_by_one)
+    assert found(path, Config(), monkeypatch, batches=True)[0] == one_by_one
