@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,7 @@ def make_fingertips(scene: Scene, links: Links, is_thumb: Ints | None = None) ->
     return Fingertips(link, thumbs, starts, bodies.astype(np.int64), recorded, corrected, np.zeros(len(link), np.int64))
 
 
+@lru_cache(maxsize=1)
 def thumbs_of(world: World) -> Ints:
     """(B,) 1 for the links of thumbs, by the names of links and joints from a fingertip up to where fingers part."""
     bodies = world.scene.bodies

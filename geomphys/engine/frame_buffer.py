@@ -103,9 +103,9 @@ def make_block(moving: Ints, rest: Floats, dofs: int, frames: int = FRAMES) -> B
         cycles=np.zeros((frames, stages), np.int64),
         counts=np.zeros((frames, stages), np.int64),
         contact_end=np.zeros(frames + 1, np.int64),
-        contacts=np.zeros(CONTACTS, CONTACT),
+        contacts=np.empty(CONTACTS, CONTACT),
         depth_end=np.zeros(frames + 1, np.int64),
-        depths=np.zeros(CONTACTS, PENETRATION),
+        depths=np.empty(CONTACTS, PENETRATION),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import chain, pairwise
 from typing import NamedTuple
 
@@ -68,6 +69,12 @@ BATCH_FRAMES = 512
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+@cache
+def _schema_of(kind: type[Message]) -> bytes:
+    data: bytes = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
+    return data
 
 
 class Column(NamedTuple):
@@ -300,8 +307,7 @@ class McapSink(ContextManaged):
                 continue
             name = kind.DESCRIPTOR.full_name
             if name not in schemas:
-                data = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
-                schemas[name] = file.register_schema(name, "protobuf", data)
+                schemas[name] = file.register_schema(name, "protobuf", _schema_of(kind))
             self._channels[topic] = file.register_channel(topic, "protobuf", schemas[name])
         joint_state = file.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
         self._joints = self._joint_encoders()

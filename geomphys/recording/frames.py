@@ -39,14 +39,16 @@ class FrameSource(PreparedLog):
 
     def __init__(self, log: AnyPath, world: World, config: Config) -> None:
         super().__init__(log, world, config)
-        for (topic, child), value in LogPass(self).first_poses():
+        first_pass = LogPass(self)
+        for (topic, child), value in first_pass.first_poses():
             if value is None:
                 raise LogError(
                     f"{log}: topic {topic!r} has no good pose{f' of {child!r}' if child else ''} while the transforms to "
                     f"{self.transforms.spaces[0]!r} are there (their times, or NaN in them): try --max-gap, --time log"
                 )
             self.first_space_poses[topic, child] = value
-        self._pass = LogPass(self)
+        self._pass = LogPass(self) if self.first_space_poses else first_pass
+        self._has_begun = False
 
     def __enter__(self) -> FrameSource:
         return self
@@ -58,7 +60,9 @@ class FrameSource(PreparedLog):
 
     def __iter__(self) -> Iterator[Frame]:
         """Make the frames from the first; resets the report."""
-        self._pass = LogPass(self)
+        if self._has_begun:
+            self._pass = LogPass(self)
+        self._has_begun = True
         return self._pass.frames()
 
     @property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +65,7 @@ class PreparedLog:
         return tuple(sorted({self.reader.channels[k].topic for k in self.plan.keys | self.transforms.keys}))
 
 
+@lru_cache(maxsize=1)
 def prismatic_columns(world: World) -> NDArray[np.bool_]:
     """(Q,) mask of prismatic degrees of freedom, whose values are lengths."""
     bodies = world.scene.bodies
