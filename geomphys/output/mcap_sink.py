@@ -72,8 +72,9 @@ Ints = NDArray[np.int64]
 
 
 @cache
-def _schema_of(kind: type[Message]) -> bytes:
-    data: bytes = build_file_descriptor_set(kind).SerializeToString(deterministic=True)
+def _schema_of(topic: str) -> bytes:
+    """The schema of a channel's messages."""
+    data: bytes = build_file_descriptor_set(_PROTOBUF_CHANNELS[topic]).SerializeToString(deterministic=True)
     return data
 
 
@@ -307,7 +308,7 @@ class McapSink(ContextManaged):
                 continue
             name = kind.DESCRIPTOR.full_name
             if name not in schemas:
-                schemas[name] = file.register_schema(name, "protobuf", _schema_of(kind))
+                schemas[name] = file.register_schema(name, "protobuf", _schema_of(topic))
             self._channels[topic] = file.register_channel(topic, "protobuf", schemas[name])
         joint_state = file.register_schema("sensor_msgs/msg/JointState", "ros2msg", JOINT_STATE_DEFINITION)
         self._joints = self._joint_encoders()

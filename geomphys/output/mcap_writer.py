@@ -127,9 +127,9 @@ class McapWriter:
             stop = min(first + fitting + 1, count)
             starts = np.concatenate([[done], ends[first : stop - 1]]) - done + self._size
             self._indices.append((messages.channels[first:stop], messages.log_times[first:stop], starts))
-            raw = heads[first:stop].tobytes()
-            for k in range(stop - first):
-                self._parts += (raw[k * _HEAD.itemsize : (k + 1) * _HEAD.itemsize], messages.data[first + k])
+            parts = [b""] * (2 * (stop - first))
+            parts[::2], parts[1::2] = heads[first:stop].view(f"V{_HEAD.itemsize}").tolist(), messages.data[first:stop]
+            self._parts += parts
             self._size += int(ends[stop - 1]) - done
             self._end_if_full()
             first = stop

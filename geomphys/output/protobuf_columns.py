@@ -110,14 +110,14 @@ class Rows:
                 mask[:, start:end] = block.present
             start = end
         if mask is None:
-            flat, ends = data.tobytes(), np.arange(1, self.count + 1) * width
+            flat, ends = data.ravel(), np.arange(1, self.count + 1) * width
         else:
-            flat, ends = data[mask].tobytes(), np.cumsum(np.broadcast_to(self._own_lengths(), self.count))
+            flat, ends = data[mask], np.cumsum(np.broadcast_to(self._own_lengths(), self.count))
         ends = np.concatenate([[0], ends])
         if counts is not None:
             ends = ends[np.concatenate([[0], np.cumsum(counts)])]
-        at = ends.tolist()
-        return [flat[a:b] for a, b in pairwise(at)]
+        content = flat.data  # the array's own memory: a copy as one string would cost as much as all that precedes
+        return [bytes(content[a:b]) for a, b in pairwise(ends.tolist())]
 
 
 def constant(data: bytes) -> Rows:
