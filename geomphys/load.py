@@ -83,7 +83,7 @@ def scaled_to_log(log: AnyPath, world: World, config: Config, *, progress: Progr
 
     Raises LogError, ModelError, MeshError.
     """
-    if world.keypoint_scale or world.palm_orientations:
+    if not world.keypoints or world.keypoint_scale or world.palm_orientations:
         return world
     from geomphys.recording.point_measures import measure_points
 

@@ -184,7 +184,7 @@ def _publish(job: Job, work_folder: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None:
             try:
-                publish(work_folder / target.name, target)
+                publish(work_folder / target.name, target, is_synced=True)
             except OSError as problem:
                 raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
             partial_path(target).unlink(missing_ok=True)
@@ -193,7 +193,7 @@ def _publish(job: Job, work_folder: Path) -> None:
 def _move_partials(job: Job, work_folder: Path) -> None:
     for target in (job.out, job.rrd):
         if target is not None and (work_folder / partial_path(target).name).is_file():
-            publish(work_folder / partial_path(target).name, partial_path(target))
+            publish(work_folder / partial_path(target).name, partial_path(target), is_synced=True)
 
 
 class _StopFileCheck:

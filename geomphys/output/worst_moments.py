@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from shlex import quote
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.output.output_log import OutputFrame
 from geomphys.results import FrameResult, Moment, ResultColumns
 from geomphys.scene.frame_ids import RECORDED_PREFIX
 from geomphys.scene.intersection_volume import intersection_volume
 from geomphys.scene.world import World
+
+if TYPE_CHECKING:
+    from geomphys.output.output_log import OutputFrame
 
 Floats = NDArray[np.float64]
 

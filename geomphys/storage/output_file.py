@@ -128,14 +128,18 @@ def _is_same(path: Path, other: Path) -> bool:
     return path.name == other.name and path.parent.resolve() == other.parent.resolve()
 
 
-def publish(source: Path, target: AnyPath) -> None:
-    """Give a complete local file its final name, on disk when this returns: rename, or upload. Raises OSError."""
+def publish(source: Path, target: AnyPath, *, is_synced: bool = False) -> None:
+    """Give a complete local file its final name, on disk when this returns: rename, or upload. Raises OSError.
+
+    `is_synced`: its bytes are on disk already, as those of a file that was published before.
+    """
     if is_remote(target):
         target.put(source)
         source.unlink()
         return
     _refuse_irregular(target)
-    _sync(source)
+    if not is_synced:
+        _sync(source)
     os.replace(source, target)
     with suppress(PermissionError):  # a folder that may be written to but not be read
         _sync(target.parent)
