@@ -1,4 +1,4 @@
-"""Adds many messages to the streams at once, where none of them asks for a look of its own.
+"""Adds many messages to the streams at once, where all of them are regular.
 
 That is so in the middle of a recording: messages of a known layout with good values and stamps that increase, none of them
 late. Then the streams, the stamps' monitor and the frame clock are as if the messages had been added one after another, and
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 BATCH_MESSAGES = 256
 FIRST_MESSAGES = 32
-"""Of the first batch, whose messages are looked at one by one."""
+"""Of the first batch, whose messages are added one by one."""
 BATCH_BYTES = 1 << 20
 """A batch ends with the message that makes it larger."""
 
@@ -86,7 +86,7 @@ class BatchAdder:
         self._monitor, self._topics, self._clock, self._delay = monitor, topics, clock, delay
 
     def add(self, batch: Sequence[RawMessage], watermark: Watermark) -> bool:
-        """Add the messages and return True; add none and return False where one has to be looked at."""
+        """Add the messages and return True; add none and return False where one is irregular."""
         of_channel: dict[int, list[int]] = {}
         for position, raw in enumerate(batch):
             of_channel.setdefault(raw.key, []).append(position)
@@ -108,7 +108,7 @@ class BatchAdder:
         return True
 
     def _run(self, key: int, positions: list[int], messages: Sequence[RawMessage]) -> _Run | None:
-        """The messages of a channel; None where one has to be looked at."""
+        """The messages of a channel; None where one is irregular."""
         route, read, topic = self._routes[key], self._readers.get(key), self._topics.get(key)
         if (
             not isinstance(read, FixedLayoutReader)
@@ -150,7 +150,7 @@ def _names(columns: Columns, route: ChannelRoutes) -> tuple[str, str]:
 
 
 def _values(columns: Columns, route: ChannelRoutes) -> list[tuple[RootRoute | JointRoute, Floats]]:
-    """The values for each stream of a channel; none where one has to be looked at."""
+    """The values for each stream of a channel; none where a message is irregular."""
     shape, first, found = columns.shape, int(columns.stamps[0]), list[tuple[RootRoute | JointRoute, Floats]]()
     if isinstance(shape, JointShape):
         for joints in route.joints:

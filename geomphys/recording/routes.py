@@ -16,7 +16,7 @@ from geomphys.recording.pose_tuples import PoseTuple, compose
 from geomphys.recording.space_guess import MotionSamples
 from geomphys.recording.stamps import NEVER
 from geomphys.recording.stream_prescan import Prescan, joint_key
-from geomphys.recording.streams import VALUE_LIMIT, JointStream, PoseStream, are_valid, validated_pose
+from geomphys.recording.streams import UNIT_NORM_TOLERANCE, VALUE_LIMIT, JointStream, PoseStream, validated_pose
 from geomphys.recording.transform_chain import TransformBuffer, TransformChain, TransformTrack
 
 Floats = NDArray[np.float64]
@@ -100,7 +100,7 @@ class RootRoute:
             return None
         if not self.is_metric and self.space.units_per_metre != 1.0:
             values = np.concatenate([values[:, :3] / self.space.units_per_metre, values[:, 3:]], axis=1)
-        return values if are_valid(values) else None
+        return values if _are_valid(values) else None
 
     def extend(self, times: list[int], values: Floats) -> None:
         """Add poses of increasing times that are `plain_values`."""
@@ -147,6 +147,15 @@ def _to_space(chain: TransformChain, time: int, value: PoseTuple) -> PoseTuple |
         return value
     space_from_frame = chain.at(time)
     return None if space_from_frame is None else compose(space_from_frame, good)
+
+
+def _are_valid(values: Floats) -> bool:
+    """Whether `validated_pose` would return all of the poses (n, 7) as they are."""
+    x, y, z, a, b, c, d = values.T
+    with np.errstate(all="ignore"):
+        norm = np.sqrt(a * a + b * b + c * c + d * d)
+        good = (np.abs(norm - 1) <= UNIT_NORM_TOLERANCE) & (np.abs(x) + np.abs(y) + np.abs(z) < VALUE_LIMIT)
+    return bool(good.all())
 
 
 @dataclass

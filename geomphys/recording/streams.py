@@ -65,15 +65,6 @@ def validated_pose(value: PoseTuple) -> PoseTuple | None:
     return value if abs(norm - 1) <= UNIT_NORM_TOLERANCE else (x, y, z, a / norm, b / norm, c / norm, d / norm)
 
 
-def are_valid(values: Floats) -> bool:
-    """Whether `validated_pose` would return all of the poses (n, 7) as they are."""
-    x, y, z, a, b, c, d = values.T
-    with np.errstate(all="ignore"):
-        norm = np.sqrt(a * a + b * b + c * c + d * d)
-        good = (np.abs(norm - 1) <= UNIT_NORM_TOLERANCE) & (np.abs(x) + np.abs(y) + np.abs(z) < VALUE_LIMIT)
-    return bool(good.all())
-
-
 def interpolate_poses(a: PoseTuple, b: PoseTuple, w: float) -> PoseTuple:
     """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
     position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
@@ -152,7 +143,7 @@ class PoseStream:
         return begins and time > (self.times[-1] if self.times else self.frame_time)
 
     def extend(self, times: list[int], values: list[PoseTuple]) -> None:
-        """Add samples of increasing times, for the first of which it `goes_on`; `are_valid`."""
+        """Add samples of increasing times, for the first of which it `goes_on`; all good."""
         self.times += times
         self.values += values
 
