@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from geomphys.scene.primitives import PrimitiveShape
-
 if TYPE_CHECKING:
+    from geomphys.scene.primitives import PrimitiveShape
     from geomphys.scene.recording_tables import RecordingTable
     from geomphys.scene.scene_file import SceneFile
 
