@@ -41,7 +41,7 @@ def _half(world: World, result: FrameResult, shot: Shot, target: np.ndarray, *, 
     poses = result.corrected if corrected else recorded
     moved = frame_columns.is_corrected(result.recorded[None], result.corrected[None])[0]
     touching = frame_columns.in_contact(ResultColumns.of(result), len(world.body_names))[0]
-    palette = colours.colours_of_trees(world.file)
+    palette = colours.colours_of_trees(world.facts)
     solid, glass = [], []
     for body, name in enumerate(world.body_names):
         vertices, faces = world.triangles[body]

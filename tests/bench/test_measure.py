@@ -105,12 +105,12 @@ def test_made_up_worlds_have_the_size_they_are_asked(tmp_path: Path) -> None:
 def test_a_curve_tells_of_every_point(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("geomphys.bench.scaling.FRAMES", 4)
     monkeypatch.setattr("geomphys.bench.scaling.HEAP_FRAMES", 4)
-    for sizes in ("OBJECTS", "HANDS", "PIECES", "HEAPS"):
+    for sizes in ("OBJECTS", "HANDS", "PIECES", "BALLS", "BOXES"):
         monkeypatch.setattr(f"geomphys.bench.scaling.{sizes}", (1, 2))
     told: list[int] = []
     drawn: list[Curve] = list(curves(Config(), 1, (), lambda: told.append(1)))
-    assert len(drawn) == 4
-    assert len(told) == 8
+    assert len(drawn) == 5
+    assert len(told) == 10
     for curve in drawn:
         assert curve.growth == curve.points[1].step.median / curve.points[0].step.median
 

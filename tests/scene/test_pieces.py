@@ -145,7 +145,7 @@ def test_layout_of_many() -> None:
     p = build_pieces([PosedShape(s, local, k // 2) for k, s in enumerate(shapes)])
     assert p.kind.tolist() == [SPHERE, CAPSULE, BOX, CYLINDER, HULL, HULL]
     assert p.body.tolist() == [0, 0, 1, 1, 2, 2]
-    assert p.size.tolist() == [[0.1, 0, 0], [0.2, 0.3, 0], [1, 2, 3], [0.4, 0.5, 0], [0, 0, 0], [0, 0, 0]]
+    assert p.size.tolist() == [[0.1, 0, 0], [0.2, 0.3, 0], [1, 2, 3], [0.4, 0.5, 0], [1, 1, 1], [1, 1, 1]]
     assert p.vertex_start.tolist() == [0, 0, 0, 8, 8, 12, 16]
     assert p.face_start.tolist() == [0, 0, 0, 6, 6, 10, 14]
     assert np.array_equal(p.vertices[8:12], p.vertices[12:16])
