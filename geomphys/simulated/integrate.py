@@ -89,9 +89,9 @@ def rotate_freely(q: Quat, inertia: Vec, momentum: Vec, torque: Vec, h: float) -
         return q
     if inertia[0] == inertia[1] and inertia[1] == inertia[2]:
         k = h / inertia[0]
-        turn = add_scaled(scale(momentum, k), torque, 0.5 * h * k)
-        turn = add_scaled(turn, cross(torque, momentum), h * k * k / 12.0)
-        return quat_unit(quat_mul(quat_from_rotation_vector(turn), q))
+        rotation = add_scaled(scale(momentum, k), torque, 0.5 * h * k)
+        rotation = add_scaled(rotation, cross(torque, momentum), h * k * k / 12.0)
+        return quat_unit(quat_mul(quat_from_rotation_vector(rotation), q))
     least = min(inertia[0], min(inertia[1], inertia[2]))
     angle = (norm(momentum) + norm(torque) * h) * h / least
     count = max(1, math.ceil(min(angle / ROTATION_STEP, MAX_STEPS)))
