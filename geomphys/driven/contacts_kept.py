@@ -110,10 +110,11 @@ def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
             for a in range(first[body], first[body + 1]):
                 for b in range(first[other], first[other + 1]):
                     gap = piece_gap(boxes, a, b)
-                    if gap > limit or _is_listed(ws, a, b) or near.counts.filled == len(near.a):
+                    if gap > limit or _is_listed(ws, a, b):
                         continue
                     append_bound(near, a, b, tree, scene.bodies.tree[other], gap, NOWHERE)
-                    _add_pair(ws, near.counts.filled - 1)
+                    if near.counts.lost == 0:
+                        _add_pair(ws, near.counts.filled - 1)
 
 
 @noinline

@@ -19,7 +19,6 @@ from geomphys.scene.kinematics import joint_origins
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-PAIRS = 1 << 14  # most pairs of pieces that can be near at once
 ROWS = 1024  # most rows of a quadratic problem
 SPOTS = 512  # contact spots cached in a search
 REFERENCE_BODIES = 3  # bodies that a tree may be moved along with
@@ -255,8 +254,8 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
     )
 
 
-def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> SearchWorkspace:
-    """Workspace of a search of up to `iterations` iterations in a scene."""
+def make_search_workspace(scene: Scene, poses: Floats, pairs: int, iterations: int) -> SearchWorkspace:
+    """Workspace of a search of up to `iterations` iterations in a scene with up to `pairs` near pairs."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
     contacts = max(int((scene.bodies.role == DRIVEN).sum()) * bodies, 1)  # capacity for every tip and body
@@ -295,7 +294,7 @@ def make_search_workspace(scene: Scene, poses: Floats, iterations: int) -> Searc
         spots=np.full(SPOTS, -1, SPOT),
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
-        touch_pairs=np.zeros(PAIRS, np.int64),
+        touch_pairs=np.zeros(pairs, np.int64),
         closing=np.zeros(trees),
         grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),
@@ -331,7 +330,7 @@ def make_driven_workspace(
         near=near,
         listed=make_near(len(near.a)),
         row_state=np.zeros(len(near.a), np.int64),
-        work=make_search_workspace(scene, poses, iterations),
+        work=make_search_workspace(scene, poses, len(near.a), iterations),
         problem=make_quadratic(max(unknowns, 1), ROWS),
         detection=detection,
         weights=weights,
