@@ -159,3 +159,17 @@ def test_a_wrong_ending_is_wrong_usage(case: Case, tmp_path: Path, capsys, words
 def test_the_package_runs_as_a_module() -> None:
     said = subprocess.run([sys.executable, "-m", "geomphys", "--version"], capture_output=True, text=True, check=True)
     assert said.stdout.startswith("geomphys ")
+
+
+def test_the_process_ends_without_freeing_objects() -> None:
+    """After what is registered with `atexit`, as libraries do; with the exit code, and all that was said."""
+    code = (
+        "import atexit, geomphys_cli.cmd_schema as command\n"
+        "from geomphys_cli.entry import main\n"
+        "class Kept:\n def __del__(self): print('freed')\n"
+        "kept = Kept()\n"
+        "def show(ctx):\n atexit.register(print, 'at exit'); sys.stderr.write('unended line'); return 4\n"
+        "command.schema.invoke = show"
+    )
+    done = command_line("schema", code=code)
+    assert (done.returncode, done.stdout, done.stderr) == (4, "at exit\n", "unended line")
