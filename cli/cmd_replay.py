@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,7 @@ def replay(
 
     needs_compile, was_reported = not are_compiled(config.method), False
 
-    with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd):
+    with StopAtFrame() as stop, ProgressBars(terminal) as bars, note_partial_outputs(out, rrd), _PandasHidden():
 
         def compiling(done: int, known: int) -> None:
             nonlocal was_reported
@@ -142,3 +143,20 @@ def replay(
         )
         return EXIT_THRESHOLD
     return 0
+
+
+class _PandasHidden:
+    """Context in which pandas is not found: pyarrow would import it for 0.2 s, to ask whether a list is something of its."""
+
+    def find_spec(self, fullname: str, path: object, target: object = None) -> None:
+        """Refuse pandas, and leave all else to the other finders."""
+        if fullname == "pandas":
+            raise ModuleNotFoundError("No module named 'pandas'", name=fullname)
+
+    def __enter__(self) -> None:
+        """Become the first of the finders."""
+        sys.meta_path.insert(0, self)
+
+    def __exit__(self, *_: object) -> None:
+        """Be none of them any more."""
+        sys.meta_path.remove(self)

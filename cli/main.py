@@ -24,8 +24,8 @@ from .terminal import Terminal, silence
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
-GC_THRESHOLD = 50_000
-"""Allocations between garbage collections; the default of 700 costs 10 % of a short replay."""
+GC_THRESHOLD = 200_000
+"""Allocations between garbage collections: more than the modules of a replay make. Python's own 700 cost 10 % of a short one."""
 
 COMMANDS = {
     "demo": "Replay the recording that comes with the package.",
