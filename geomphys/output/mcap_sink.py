@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import chain, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
-from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
 from geomphys.config import Config
@@ -73,9 +73,20 @@ Ints = NDArray[np.int64]
 
 @cache
 def _schema_of(topic: str) -> bytes:
-    """The schema of a channel's messages."""
-    data: bytes = build_file_descriptor_set(_PROTOBUF_CHANNELS[topic]).SerializeToString(deterministic=True)
+    """The schema of a channel's messages: their file of descriptors, after those it depends on."""
+    schema = FileDescriptorSet()
+    for file in _with_dependencies(_PROTOBUF_CHANNELS[topic].DESCRIPTOR.file).values():
+        file.CopyToProto(schema.file.add())
+    data: bytes = schema.SerializeToString(deterministic=True)
     return data
+
+
+def _with_dependencies(file: Any) -> dict[str, Any]:
+    """A file of descriptors after those it depends on, by name."""
+    found: dict[str, Any] = {}
+    for needed in file.dependencies:
+        found |= _with_dependencies(needed)
+    return found | {file.name: file}
 
 
 class Column(NamedTuple):
