@@ -22,7 +22,18 @@ from functools import partial
 from geomphys.jit.calls import Entry
 from geomphys.jit.kinds import Kind
 from geomphys.jit.machine_code import is_linked, link, make_slots
-from geomphys.jit.products import Key, Product, is_there, load, locked, save, symbol_of
+from geomphys.jit.products import (
+    Key,
+    Product,
+    Program,
+    is_there,
+    load,
+    load_program,
+    locked,
+    save,
+    save_program,
+    symbol_of,
+)
 from geomphys.jit.registry import PLAIN_NUMBA, Definition, definitions
 from geomphys.storage.child_process import available_cores
 from geomphys.storage.deferred_signals import signals_deferred
@@ -76,18 +87,27 @@ def load_entry(kernel: Definition, kinds: tuple[Kind, ...]) -> Entry:
         with without_garbage_collection(), signals_deferred():
             address, returns = compile_in_memory(kernel, key)
         return Entry(address, kinds, returns)
-    name = f"{symbol_of(key)}.entry"
     with without_garbage_collection():
-        product = _provide(key, entry=True)
-        assert product is not None  # it waits for other processes
-        units = complete(product.callees)
+        program = load_program(symbol_of(key)) or _program(key)
+        units = {symbol: code for symbol, code in program.units.items() if not is_linked(symbol)}
         make_slots(units)
-        addresses = link({unit: needed.code for unit, needed in units.items()} | {name: product.code})
-    return Entry(addresses[name], kinds, product.returns)
+        name = f"{symbol_of(key)}.entry"
+        addresses = link(units | {name: program.entry})
+    return Entry(addresses[name], kinds, program.returns)
+
+
+def _program(key: Key) -> Program:
+    """A kernel with all that it jumps to, put together from their products; stored for the next process."""
+    entry = _provide(key, entry=True)
+    assert entry is not None  # it waits for other processes
+    units = {symbol: unit.code for symbol, unit in complete(entry.callees).items()}
+    program = Program(entry.code, units, entry.returns)
+    save_program(symbol_of(key), program)
+    return program
 
 
 def complete(keys: Sequence[Key]) -> dict[str, Product]:
-    """Noinline kernels and all they jump to, but for those that are linked, by their symbols.
+    """Noinline kernels and all they jump to, by their symbols.
 
     Compiles those that are not on disk, with helpers if they are many.
     """
@@ -102,7 +122,7 @@ def complete(keys: Sequence[Key]) -> dict[str, Product]:
             listener(done, known)
 
     try:
-        return work([key for key in keys if not is_linked(symbol_of(key))], newest_first=False, before_compiling=each)
+        return work(keys, newest_first=False, before_compiling=each)
     finally:
         for helper in helpers:
             helper.kill()
@@ -141,7 +161,7 @@ def work(
             continue
         busy = 0
         products[symbol_of(key)] = product
-        new = [callee for callee in product.callees if callee not in known and not is_linked(symbol_of(callee))]
+        new = [callee for callee in product.callees if callee not in known]
         waiting.extend(new)
         known.update(new)
     return products

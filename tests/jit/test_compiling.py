@@ -158,11 +158,17 @@ def test_what_is_compiled_runs_without_numba(alone: tuple[Place, Any]) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "gone", "link", "open to others", "of another user"])
-def test_damaged_and_foreign_files_are_made_anew(alone: tuple[Place, Any], tmp_path: Path, damage: str) -> None:
+@pytest.mark.parametrize(("name", "compiled"), [("bottom.*.unit", ["bottom"]), ("top.*.program", [])])
+def test_damaged_and_foreign_files_are_made_anew(
+    alone: tuple[Place, Any], tmp_path: Path, damage: str, name: str, compiled: list[str]
+) -> None:
     """Only machine code that was written by this user and is as it was written is run."""
     place, said = alone
-    (file,) = [path for path in (place.folder / "cache").rglob("*.unit") if "bottom" in path.name]
+    (file,) = (place.folder / "cache").rglob(f"*.{name}")
     data = file.read_bytes()
+    if compiled:  # it is looked for where there is no program
+        for program in (place.folder / "cache").rglob("*.program"):
+            program.unlink()
     if damage == "cut":
         file.write_bytes(data[: len(data) // 2])
     elif damage == "changed":
@@ -179,8 +185,10 @@ def test_damaged_and_foreign_files_are_made_anew(alone: tuple[Place, Any], tmp_p
     else:
         pytest.skip("only root gives files away")
     again = place.run("alone")
-    assert again["compiled"] == ["bottom"]
+    assert again["compiled"] == compiled
     assert again["value"] == said["value"]
+    assert not file.is_symlink()
+    assert compiled or file.read_bytes() == data
     assert place.run("alone")["compiled"] == []
 
 

@@ -11,7 +11,18 @@ from pathlib import Path
 import pytest
 
 from geomphys.jit.folder import cache_folder, store
-from geomphys.jit.products import Key, Product, is_there, load, locked, save, symbol_of
+from geomphys.jit.products import (
+    Key,
+    Product,
+    Program,
+    is_there,
+    load,
+    load_program,
+    locked,
+    save,
+    save_program,
+    symbol_of,
+)
 from geomphys.storage.cache import user_cache_folder
 
 HOLD = """
@@ -69,6 +80,14 @@ def test_a_product_comes_back_as_it_was() -> None:
     save("m.kernel.unit", product)
     assert is_there("m.kernel.unit")
     assert load("m.kernel.unit") == product
+
+
+def test_a_program_comes_back_as_it_was() -> None:
+    program = Program(b"\x00machine\xff", {"m.f.1a2b": b"code", "n.g.3c4d": b""}, ("float64", "int64"))
+    assert load_program("m.kernel") is None
+    save_program("m.kernel", program)
+    assert load_program("m.kernel") == program
+    assert not is_there("m.kernel.entry")
 
 
 def test_symbols_tell_kernels_kinds_and_versions_apart() -> None:
