@@ -8,11 +8,10 @@ import re
 import sys
 from contextlib import suppress
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 
 from geomphys.jit.machine_code import processor
-from geomphys.storage.cache import Store, remove_unused, sources, user_cache_folder
+from geomphys.storage.cache import PACKAGE, Store, installed_state, remove_unused, sources, user_cache_folder
 
 COMPILED = re.compile(rb"^@(kernel|noinline|inlined)$|^(from|import) (numba|llvmlite)\b", re.MULTILINE)
 """Found in modules that affect the machine code, as do those they import."""
@@ -33,11 +32,8 @@ def cache_folder() -> Path:
     It is named after the sources that affect the code, the versions of numba, llvmlite and Python, numba's settings, and
     the processor. Folders of versions that were not used for a month are removed.
     """
-    about = version("numba"), version("llvmlite"), sys.version, _numba_settings(), processor()
-    digest = hashlib.sha256(repr(about).encode())
-    for name, text in _sources_of_machine_code():
-        digest.update(name.encode() + b"\0" + text + b"\0")
-    folder = user_cache_folder(f"kernels-{digest.hexdigest()[:16]}")
+    about = _digest_of_sources(), sys.version, _numba_settings(), processor()
+    folder = user_cache_folder(f"kernels-{hashlib.sha256(repr(about).encode()).hexdigest()[:16]}")
     remove_unused(folder, FOLDERS)
     return folder
 
@@ -46,6 +42,25 @@ def cache_folder() -> Path:
 def store() -> Store:
     """The stored products in the folder."""
     return Store(cache_folder())
+
+
+def _digest_of_sources() -> str:
+    """Of the versions of numba and llvmlite, and of the sources that affect the code; cached while none of them changes."""
+    state, known, name = (
+        installed_state("numba", "llvmlite"),
+        Store(user_cache_folder("sources")),
+        PACKAGE.replace("/", "_"),
+    )
+    found = known.load(name)
+    if found is None or found[0] != state:
+        from importlib.metadata import version
+
+        digest = hashlib.sha256(f"{version('numba')} {version('llvmlite')}".encode())
+        for module, text in _sources_of_machine_code():
+            digest.update(module.encode() + b"\0" + text + b"\0")
+        found = state, digest.hexdigest()
+        known.save(name, found)
+    return str(found[1])
 
 
 def _numba_settings() -> tuple[list[tuple[str, str]], bytes]:

@@ -1,6 +1,6 @@
 """Disk cache of loaded worlds: reading meshes and computing hulls can take longer than a replay.
 
-The key is the path of the scene file, the load options and the version (sources) of the package. An entry is valid
+The key is the path of the scene file, the load options and the state of the installation. An entry is valid
 while every file it was made from has the same content.
 """
 
@@ -10,8 +10,6 @@ import dataclasses
 import hashlib
 import os
 from contextlib import suppress
-from functools import lru_cache
-from importlib.metadata import version
 
 from geomphys.scene.arrays import Bodies, Chains, Dofs, Materials, Pieces, ReachCones, Scene, Trees
 from geomphys.scene.findings import DefaultPair, Findings, NotShown, RenamedFrame
@@ -20,13 +18,13 @@ from geomphys.scene.scene_facts import ObjectFacts, RecordingFacts, SceneFacts
 from geomphys.scene.source_files import Sources, track_sources
 from geomphys.scene.topic_sources import JointSource, KeypointSource, RootSource
 from geomphys.scene.world import World
-from geomphys.storage.cache import Store, sources, user_cache_folder
+from geomphys.storage.cache import Store, installed_state, user_cache_folder
 from geomphys.storage.remote_files import AnyPath
 
 MAX_WORLDS = 100
 """Cached worlds; the oldest are removed."""
 LIBRARIES = ("coacd", "numpy", "scipy", "trimesh", "yourdfpy")
-"""Distributions whose version is part of the key."""
+"""Packages whose version is part of the key."""
 RECORDS = (
     World,
     Scene,
@@ -83,14 +81,5 @@ def _store() -> Store:
 
 def _cache_key(path: AnyPath, mode: str | None, seed: int) -> str:
     search_paths = [os.environ.get(name) for name in SEARCH_PATH_VARIABLES]
-    text = f"{_version()} {path.absolute()} {path} {mode} {seed} {search_paths}"
+    text = f"{installed_state(*LIBRARIES)} {path.absolute()} {path} {mode} {seed} {search_paths}"
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def _version() -> str:
-    """Digest of the package's sources and library versions."""
-    digest = hashlib.sha256(" ".join(version(name) for name in LIBRARIES).encode())
-    for name, text in sources().items():
-        digest.update(f"{name}\0{len(text)}\0".encode() + text)
-    return digest.hexdigest()

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -100,19 +101,39 @@ def _remove_if_unused(folder: Path, renamed: Path, oldest: float) -> None:
                 renamed.rename(folder)
 
 
+PACKAGE = str(Path(__file__).parents[1])
+
+
 @lru_cache(maxsize=1)
 def sources() -> dict[str, bytes]:
     """Text of every module of the package, by the module's name (``geomphys.scene.arrays``)."""
-    package = str(Path(__file__).parents[1])
     texts = {}
-    for folder, subfolders, files in os.walk(package):
-        subfolders.sort()
-        within = folder[len(os.path.dirname(package)) + 1 :].replace(os.sep, ".")
-        for name in sorted(files):
-            if name.endswith(".py"):
-                with open(os.path.join(folder, name), "rb") as stream:
-                    texts[within if name == "__init__.py" else f"{within}.{name[:-3]}"] = stream.read()
+    for path in _source_files(PACKAGE):
+        name = path[len(os.path.dirname(PACKAGE)) + 1 : -len(".py")].replace(os.sep, ".")
+        with open(path, "rb") as stream:
+            texts[name.removesuffix(".__init__")] = stream.read()
     return texts
+
+
+@lru_cache(maxsize=4)
+def installed_state(*libraries: str) -> str:
+    """Digest of when and with which size the sources of the package, and these libraries, were written.
+
+    It is another after every change of them, and takes a tenth of the time of reading them.
+    """
+    found = [spec.origin for spec in map(find_spec, libraries) if spec is not None and spec.origin is not None]
+    about = [(path, os.stat(path)) for path in (*_source_files(PACKAGE), *found)]
+    return hashlib.sha256(repr([(path, of.st_size, of.st_ctime_ns) for path, of in about]).encode()).hexdigest()
+
+
+def _source_files(folder: str) -> Iterator[str]:
+    """Paths of the modules in a folder and those below it, sorted by name."""
+    with os.scandir(folder) as entries:
+        for entry in sorted(entries, key=lambda entry: entry.name):
+            if entry.name.endswith(".py"):
+                yield entry.path
+            elif entry.name != "__pycache__" and entry.is_dir():
+                yield from _source_files(entry.path)
 
 
 class Store:

@@ -106,10 +106,8 @@ def test_a_damaged_one_is_made_again(scene: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_another_version_of_the_package_makes_its_own(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read(scene, monkeypatch)
-    scene_cache._version.cache_clear()
-    monkeypatch.setattr(scene_cache, "sources", lambda: {"geomphys": b"other"})
+    monkeypatch.setattr(scene_cache, "installed_state", lambda *libraries: "other")
     assert read(scene, monkeypatch)[1]
-    scene_cache._version.cache_clear()
 
 
 def test_few_are_kept_and_none_of_a_scene_alone(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from geomphys.jit import folder
 from geomphys.jit.folder import _numba_settings, _sources_of_machine_code
 from geomphys.storage import cache
 from tests.house.sources import imports, modules
@@ -160,6 +161,57 @@ def test_sources_are_those_of_the_whole_package() -> None:
     """Machine code and scenes in the cache are found by them: what is left out could change unnoticed."""
     names = {"geomphys", *(f"geomphys.{name}" for name in modules("geomphys") if name)}
     assert names <= set(cache.sources())
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package of two modules in place of the own one, and an empty cache."""
+    folder = tmp_path / "package"
+    (folder / "below").mkdir(parents=True)
+    (folder / "__init__.py").write_text("a = 1")
+    (folder / "below" / "module.py").write_text("b = 1")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(cache, "PACKAGE", str(folder))
+    cache.installed_state.cache_clear()
+    yield folder
+    cache.installed_state.cache_clear()
+
+
+def state(*libraries: str) -> str:
+    """As a process that starts now sees it."""
+    cache.installed_state.cache_clear()
+    return cache.installed_state(*libraries)
+
+
+def test_the_state_of_an_installation_changes_with_each_source_and_library(package: Path) -> None:
+    states = [state(), state("numpy"), state("numba")]
+    (package / "below" / "module.py").write_text("b = 2")  # as long as before
+    states += [state()]
+    os.utime(package / "below" / "module.py", (0, 0))  # a copy that keeps its time
+    states += [state()]
+    (package / "below" / "another.py").write_text("")
+    states += [state()]
+    assert len(set(states)) == len(states)
+    (package / "below" / "note.txt").write_text("")
+    assert state() == states[-1]
+
+
+def test_sources_of_machine_code_are_read_where_the_installation_changed(
+    package: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts, read = [("module", b"one")], []
+    monkeypatch.setattr(folder, "_sources_of_machine_code", lambda: read.append(1) or texts)
+    first = folder._digest_of_sources()
+    assert folder._digest_of_sources() == first
+    assert len(read) == 1
+    (package / "__init__.py").write_text("a = 2")
+    cache.installed_state.cache_clear()
+    assert folder._digest_of_sources() == first  # of other sources than those of machine code
+    assert len(read) == 2
+    texts[0] = ("module", b"two")
+    (package / "__init__.py").write_text("a = 3")
+    cache.installed_state.cache_clear()
+    assert folder._digest_of_sources() != first
 
 
 def folder_of_kernels(base: Path, name: str, days: float) -> Path:
