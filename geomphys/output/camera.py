@@ -61,18 +61,26 @@ def choose_viewpoint(points: Floats, triangles: Floats, contact_frames: Sequence
     if len(triangles):
         sample = sample[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
-    visible = np.array([_visible_fraction(eye, sample, triangles) for eye in eyes])
-    if len(triangles):  # keep some clearance from walls
-        around = (
-            _CLEARANCE * radius * np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - _CLEARANCE * radius
-        )
-        visible -= [0.5 * (1.0 - _visible_fraction(eye, eye + around, triangles, 0.0)) for eye in eyes]
-    if contact_frames:
-        ignored = _IGNORED * radius
-        shown = [[_visible_fraction(eye, m.points, m.triangles, ignored) for m in contact_frames] for eye in eyes]
-        visible = (visible + np.mean(shown, axis=1)) / 2
-    best = int(np.argmax(visible - penalty))
+    around = _CLEARANCE * radius * (np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0)
+    best, largest = 0, -np.inf
+    for k, eye in enumerate(eyes):  # what cannot be better is not looked at any further
+        if 1.0 - penalty[k] <= largest:
+            continue
+        visible = _visible_fraction(eye, sample, triangles)
+        shown = [_visible_fraction(eye, m.points, m.triangles, _IGNORED * radius) for m in contact_frames]
+        if _score(visible, 1.0, shown) - penalty[k] <= largest:
+            continue
+        clear = _visible_fraction(eye, eye + around, triangles, 0.0)
+        score = _score(visible, clear, shown) - penalty[k]
+        if score > largest:
+            best, largest = k, score
     return Viewpoint(eyes[best], target)
+
+
+def _score(visible: float, clear: float, shown: Sequence[float]) -> float:
+    """How good an eye is, at most 1: points that are visible, directions without a wall nearby, contacts that are visible."""
+    score = visible - 0.5 * (1.0 - clear)
+    return (score + float(np.mean(shown))) / 2 if shown else score
 
 
 def _visible_fraction(eye: Floats, points: Floats, triangles: Floats, ignored: float | None = None) -> float:
