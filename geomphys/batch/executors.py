@@ -74,9 +74,13 @@ def run_in_processes(
 def _run_until_process_dies(
     queue: JobQueue, world: World, count: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
-    """Run a queue until it is empty or a process dies; returns the jobs that ran when it died."""
+    """Run a queue until it is empty or a process dies; returns the jobs that ran when it died.
+
+    What has become of a job is told once the next one is at work, except of a failed one, after which none may start.
+    """
     executor = ProcessPool(count, preload_world, world)
     running: dict[Future[Outcome], tuple[int, Job]] = {}
+    done: list[Finished] = []
     lost_jobs: list[tuple[int, Job]] = []
     try:
         while (running or queue) and not lost_jobs:
@@ -88,6 +92,8 @@ def _run_until_process_dies(
                 with signals_deferred():
                     running[executor.submit(run_job, queue[0][1])] = queue[0]
                 queue.popleft()
+            yield from done
+            done = []
             if not running:
                 break
             with signals_deferred():
@@ -97,6 +103,8 @@ def _run_until_process_dies(
                 error = future.exception()
                 if isinstance(error, BrokenProcessPool):
                     lost_jobs.append((index, job))
+                elif error is None and future.result().status == "done":
+                    done.append((index, future.result()))
                 else:
                     yield index, future.result() if error is None else failure(error)
             if lost_jobs:
@@ -107,6 +115,7 @@ def _run_until_process_dies(
         control.request_stop()
         _shut_down(executor, running)
         raise
+    yield from done
     _shut_down(executor, running)
     return lost_jobs
 

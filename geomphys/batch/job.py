@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-import shutil
 import time
 import traceback
 import uuid
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.errors import GeomphysError, OutputError, SceneError
@@ -77,36 +78,39 @@ def failure(error: BaseException) -> Outcome:
     return Outcome(status="failed", error=f"internal error: {type(error).__name__}: {text}", traceback=trace)
 
 
+class _Output(NamedTuple):
+    """A file of a job."""
+
+    work: Path  # where it is written
+    target: AnyPath
+
+
 def run_job(job: Job) -> Outcome:
     """Replay a log and publish its outputs.
 
-    They are written in a folder unique to this call and renamed when complete, so a job that runs twice concurrently,
+    They are written under a name unique to this call and renamed when complete, so a job that runs twice concurrently,
     after a network failure for example, leaves no torn file. A replay that ends early leaves ``STEM.partial.mcap``.
     """
     if job.version != __version__:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was started by {job.version}; install the same version"
         )
-    output_folder: TemporaryFolder | None = None
-    if is_remote(job.running):
-        output_folder = TemporaryFolder()
-        work_folder = output_folder.path
-    else:
-        work_folder = job.running / f"{job.out.stem}.{uuid.uuid4().hex}"
-    try:
-        work_folder.mkdir(exist_ok=True)
-        outcome = _replay(job, work_folder)
-        if outcome.status == "done":
-            _publish(job, work_folder)
-    except GeomphysError as error:
-        outcome = failure(error)
-    except OSError as error:
-        outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
-    finally:
-        _move_partials(job, work_folder)
-        shutil.rmtree(work_folder, ignore_errors=True)
-        if output_folder is not None:
-            output_folder.close()
+    with TemporaryFolder() if is_remote(job.running) else nullcontext(job.running) as folder:
+        name = uuid.uuid4().hex
+        targets = [target for target in (job.out, job.rrd) if target is not None]
+        outputs = [_Output(folder / f"{name}{target.suffix}", target) for target in targets]
+        try:
+            outcome = _replay(job, outputs)
+            if outcome.status == "done":
+                _publish(outputs)
+        except GeomphysError as error:
+            outcome = failure(error)
+        except OSError as error:
+            outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
+        finally:
+            _move_partials(outputs)
+            for output in outputs:
+                output.work.unlink(missing_ok=True)
     return outcome
 
 
@@ -114,12 +118,11 @@ class _StopRequestedError(Exception):
     """The file `STOP` exists."""
 
 
-def _replay(job: Job, work_folder: Path) -> Outcome:
+def _replay(job: Job, outputs: Sequence[_Output]) -> Outcome:
     from geomphys.output.output_log import open_output  # the batch's own process needs none of it
     from geomphys.replays import run
 
-    out = work_folder / job.out.name
-    rrd = None if job.rrd is None else work_folder / job.rrd.name
+    out, rrd = outputs[0].work, None if job.rrd is None else outputs[1].work
     try:
         summary = run(
             job.log,
@@ -179,21 +182,20 @@ def _world_changed(scene: AnyPath) -> SceneError:
     )
 
 
-def _publish(job: Job, work_folder: Path) -> None:
+def _publish(outputs: Sequence[_Output]) -> None:
     """Move complete outputs to their final paths, replacing those of an earlier attempt and removing its partial ones."""
-    for target in (job.out, job.rrd):
-        if target is not None:
-            try:
-                publish(work_folder / target.name, target, is_synced=True)
-            except OSError as problem:
-                raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
-            partial_path(target).unlink(missing_ok=True)
+    for work, target in outputs:
+        try:
+            publish(work, target, is_synced=True)
+        except OSError as problem:
+            raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
+        partial_path(target).unlink(missing_ok=True)
 
 
-def _move_partials(job: Job, work_folder: Path) -> None:
-    for target in (job.out, job.rrd):
-        if target is not None and (work_folder / partial_path(target).name).is_file():
-            publish(work_folder / partial_path(target).name, partial_path(target), is_synced=True)
+def _move_partials(outputs: Sequence[_Output]) -> None:
+    for work, target in outputs:
+        if (partial := work.with_name(partial_path(work).name)).is_file():
+            publish(partial, partial_path(target), is_synced=True)
 
 
 class _StopFileCheck:

@@ -139,13 +139,13 @@ def test_a_scene_that_is_a_link_gives_the_bytes_of_a_replay(tmp_path: Path) -> N
 
 
 def test_a_scene_that_changes_under_a_batch_is_an_error_of_the_logs_after_that(tmp_path: Path) -> None:
-    case = Case(tmp_path, a=60, b=60)
+    case = Case(tmp_path, a=60, b=60, c=60)  # b is at work when a is reported
     report = case.run(ended=lambda entry: case.scene.write_text(SCENE + "# changed\n"))
-    assert [entry.status for entry in report.entries] == ["done", "failed"]
-    assert "is not what the batch began with" in (report.entries[1].error or "")
-    assert not (case.out / "b.mcap").exists()
-    assert case.run(resume=True).count("done") == 2
-    case.check("a", "b")
+    assert [entry.status for entry in report.entries][::2] == ["done", "failed"]
+    assert "is not what the batch began with" in (report.entries[2].error or "")
+    assert not (case.out / "c.mcap").exists()
+    assert case.run(resume=True).count("done") == 3
+    case.check("a", "b", "c")
 
 
 def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:
@@ -167,6 +167,16 @@ def test_a_failure_can_stop_the_batch(tmp_path: Path) -> None:
     report = case.run(keep_going=False)
     assert [entry.status for entry in report.entries] == ["failed", "pending"]
     assert [entry.status for entry in case.run(resume=True).entries] == ["failed", "done"]
+
+
+def test_the_next_log_is_at_work_while_one_is_reported(tmp_path: Path) -> None:
+    case, until = Case(tmp_path, a=60, b=LONG), time.monotonic() + 20.0
+
+    def ended(entry: Entry) -> None:
+        while entry.out == "a.mcap" and not list((case.out / ".running").glob(".*.mcap.*.tmp")):
+            assert time.monotonic() < until
+
+    assert case.run(ended=ended).count("done") == 2
 
 
 def test_outputs_that_are_there_are_not_replaced_unasked(tmp_path: Path) -> None:
