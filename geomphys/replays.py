@@ -197,19 +197,19 @@ def _parts(
                 for sink in sinks:
                     sink.open(world, config, provenance)
                     opened.append(sink)
-            pipeline = Pipeline(world, config, overlaps=can_overlap())
             done, encode_ns = 0, 0
-            for columns in _results(source, chain([first], batches), pipeline):
-                columns.stage_ns[:, -1] = encode_ns
-                part = _Part(columns, done, source.expected_frames, progress)
-                try:
-                    yield part
-                finally:
-                    start = time.perf_counter_ns()
-                    if part.taken:
-                        write_columns(sinks, columns.rows(0, part.taken))
-                    encode_ns = (time.perf_counter_ns() - start) // len(columns)
-                done += len(columns)
+            with closing(Pipeline(world, config, overlaps=can_overlap())) as pipeline:
+                for columns in _results(source, chain([first], batches), pipeline):
+                    columns.stage_ns[:, -1] = encode_ns
+                    part = _Part(columns, done, source.expected_frames, progress)
+                    try:
+                        yield part
+                    finally:
+                        start = time.perf_counter_ns()
+                        if part.taken:
+                            write_columns(sinks, columns.rows(0, part.taken))
+                        encode_ns = (time.perf_counter_ns() - start) // len(columns)
+                    done += len(columns)
         complete = True
     finally:
         with ExitStack() as stack:  # every sink is closed even if another fails to close

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.config import Config
-from geomphys.driven.links import links_of
-from geomphys.driven.paper.state import make_paper_workspace
 from geomphys.driven.weights import WEIGHTS, Weights
-from geomphys.engine.fingertips import thumbs_of
-from geomphys.engine.frame_buffer import Block, make_block
+from geomphys.engine.frame_buffer import Block
 from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
 from geomphys.engine.log_messages import FrameReporter
 from geomphys.engine.missed_motion import MissedMotion
-from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters, make_replay_data
+from geomphys.engine.replay_memory import give_back, take_memory
+from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
-from geomphys.jit.packed_records import pack
 from geomphys.jit.stage_clock import start_clock
 from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
@@ -62,12 +58,6 @@ class _Running:
     count: OverlappedCall[int]  # frames that were stepped
 
 
-@lru_cache(maxsize=1)
-def _packed_scene(world: World) -> Any:
-    """The scene of a world as kernels take it: made once for all replays of a batch."""
-    return pack(world.scene)
-
-
 class Pipeline:
     """A scene with its state: takes frames and yields results.
 
@@ -78,17 +68,13 @@ class Pipeline:
     def __init__(self, world: World, config: Config, weights: Weights = WEIGHTS, *, overlaps: bool = False) -> None:
         start_clock()
         self.world = world
-        links = links_of(world, weights)
-        self.data = make_replay_data(world.scene, config.max_iterations, thumbs_of(world), weights, links)
+        memory = self._memory = take_memory(world, config, weights)
+        self.data, self.blocks = memory.data, list(memory.blocks)
         self._run_block: Any = run_block
         method = Method(config.gap, None)
-        if config.method == "paper":
-            paper = make_paper_workspace(world.scene, self.data.workspace, config)
-            method, self._run_block = Method(None, pack(paper)), run_block_as_published
+        if memory.packed_paper is not None:
+            method, self._run_block = Method(None, memory.packed_paper), run_block_as_published
         self.params = StepParameters(config.gap, config.max_impacts, method)
-        self.blocks = [self._make_block() for _ in range(2)]
-        self._packed = _packed_scene(world), pack(self.data)
-        self._packed_blocks = {id(block): pack(block) for block in self.blocks}
         self._last_ns: int | None = None
         self._reporter = FrameReporter()
         self._meter = MotionMeter()
@@ -98,16 +84,18 @@ class Pipeline:
         self._has_run = False
         self._at_work: OverlappedCall[int] | None = None
 
-    def _make_block(self) -> Block:
-        scene = self.world.scene
-        moving = np.flatnonzero(scene.trees.moving[scene.bodies.tree]).astype(np.int64)
-        return make_block(moving, self.data.recorded.copy(), len(scene.dofs.lower))
+    def close(self) -> None:
+        """Leave its memory to the next replay of the scene; it takes no frames any more, and its chunks are void."""
+        if self._at_work is not None:
+            self._at_work.settle()
+        give_back(self._memory)
 
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were stepped."""
         recording = Recording(roots, angles, dts)
         call = self._run_block.unlocked if self._has_run else self._run_block  # the first may compile
-        count: int = call(*self._packed, recording, self.params, self._packed_blocks[id(block)])
+        memory = self._memory
+        count: int = call(memory.scene, memory.packed_data, recording, self.params, memory.packed_blocks[id(block)])
         self._has_run = True
         if count == 0 or self.data.workspace.near.counts["lost"]:
             raise GeomphysError(
@@ -213,7 +201,7 @@ class Pipeline:
     def _pose_as_recorded(self, frame: Frame, poses: Floats) -> None:
         """Set driven trees in `poses` (B, 7) to their recorded poses, which a frame that catches up has not reached."""
         for tree in np.flatnonzero(self.scene.trees.role == DRIVEN).tolist():
-            pose_tree(self._packed[0], self.data.workspace.origins, tree, frame.roots, frame.angles, poses)
+            pose_tree(self._memory.scene, self.data.workspace.origins, tree, frame.roots, frame.angles, poses)
 
     def results(self, chunk: Chunk) -> ResultColumns:
         """The results of a chunk; once, in order."""
