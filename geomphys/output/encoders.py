@@ -21,6 +21,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
+from geomphys.output.byte_strings import ByteStrings, side_by_side
 from geomphys.output.cdr import HEADER, NS_PER_S, CdrWriter
 from geomphys.output.contact_arrows import arrow_lengths, arrow_orientations
 from geomphys.output.frame_columns import RaggedContacts, RaggedPenetrations
@@ -72,7 +73,7 @@ class TransformsEncoder:
         self._children = strings([child.encode() for child in children])
         self._count = len(children)
 
-    def encode(self, poses: Floats, times_ns: Ints) -> list[bytes]:
+    def encode(self, poses: Floats, times_ns: Ints) -> ByteStrings:
         """The messages with world poses (n, m, 7), position [m] and quaternion x y z w, at times (n,)."""
         frames = np.repeat(np.arange(len(poses)), self._count)
         rows = message(
@@ -100,11 +101,11 @@ class JointStateEncoder:
             message.align(8)
         self._names = bytes(message.data()[12:])
 
-    def encode(self, positions: Floats, times_ns: Ints) -> list[bytes]:
+    def encode(self, positions: Floats, times_ns: Ints) -> ByteStrings:
         """The messages with `positions` (n, q) [rad or m] at times (n,)."""
         stamp = array_rows(np.stack(np.divmod(times_ns, NS_PER_S), axis=1).astype(np.uint32))
         parts = [constant(HEADER), stamp, constant(self._names), array_rows(positions), constant(bytes(8))]
-        return Rows([block for part in parts for block in part.blocks]).split()
+        return Rows.beside(parts).split()
 
 
 def encode_string(text: str) -> bytes:
@@ -126,7 +127,7 @@ class ContactPointsEncoder:
             layout.fields.add(name=name, offset=offset, type=PackedElementField.FLOAT32)
         self._layout = constant(layout.SerializeToString())
 
-    def encode(self, contacts: RaggedContacts, times_ns: Ints) -> list[bytes]:
+    def encode(self, contacts: RaggedContacts, times_ns: Ints) -> ByteStrings:
         """The messages of frames at times (n,)."""
         columns, counts = contacts
         points = np.empty(len(columns.depth), self.POINT)
@@ -135,8 +136,8 @@ class ContactPointsEncoder:
         points["depth"], points["body_a"], points["body_b"] = columns.depth, columns.body_a, columns.body_b
         time = message(PointCloud, timestamp=stamps(times_ns))
         tail = message(PointCloud, data=constant(b"").followed_by(points.itemsize * counts))
-        heads = Rows([*time.blocks, *self._layout.blocks, *tail.blocks]).split()
-        return _joined(heads, array_rows(points).split(counts))
+        heads = Rows.beside([time, self._layout, tail]).split()
+        return side_by_side(heads, array_rows(points).split(counts))
 
 
 class ContactArrowsEncoder:
@@ -144,7 +145,7 @@ class ContactArrowsEncoder:
 
     COLOR = Color(r=0.95, g=0.35, b=0.1, a=1.0)
 
-    def encode(self, contacts: RaggedContacts, times_ns: Ints, durations: Floats) -> list[bytes]:
+    def encode(self, contacts: RaggedContacts, times_ns: Ints, durations: Floats) -> ByteStrings:
         """The messages of frames at times (n,), with their durations (n,) [s]; see `arrow_lengths`."""
         columns, counts = contacts
         arrows = message(
@@ -162,8 +163,7 @@ class ContactArrowsEncoder:
         )
         tails = message(SceneEntity, arrows=arrows).split(counts)
         entity = message(SceneEntity, timestamp=stamps(times_ns), frame_id=WORLD.encode(), id=b"contacts")
-        lengths = np.array([len(tail) for tail in tails], np.int64)
-        return _joined(message(SceneUpdate, entities=entity.followed_by(lengths)).split(), tails)
+        return side_by_side(message(SceneUpdate, entities=entity.followed_by(tails.length)).split(), tails)
 
 
 class FrameEncoder:
@@ -173,7 +173,7 @@ class FrameEncoder:
         self._names = strings([name.encode() for name in names])
         self._methods = strings([name.encode() for name in METHODS])
 
-    def contacts(self, contacts: RaggedContacts, frames: Ints, times_ns: Ints) -> list[bytes]:
+    def contacts(self, contacts: RaggedContacts, frames: Ints, times_ns: Ints) -> ByteStrings:
         """geomphys.Contacts of frames (n,) at times (n,)."""
         columns, counts = contacts
         rows = message(
@@ -188,7 +188,7 @@ class FrameEncoder:
         )
         return _with_rows(Contacts, frames, times_ns, counts, contacts=rows)
 
-    def penetrations(self, pairs: RaggedPenetrations, frames: Ints, times_ns: Ints) -> list[bytes]:
+    def penetrations(self, pairs: RaggedPenetrations, frames: Ints, times_ns: Ints) -> ByteStrings:
         """geomphys.PenetrationDepths of frames (n,) at times (n,)."""
         columns, counts = pairs
         rows = message(
@@ -202,11 +202,11 @@ class FrameEncoder:
         )
         return _with_rows(PenetrationDepths, frames, times_ns, counts, pairs=rows)
 
-    def metrics(self, metrics: Mapping[str, NDArray[Any]], frames: Ints, times_ns: Ints) -> list[bytes]:
+    def metrics(self, metrics: Mapping[str, NDArray[Any]], frames: Ints, times_ns: Ints) -> ByteStrings:
         """geomphys.FrameMetrics of frames (n,) at times (n,)."""
         return message(FrameMetrics, timestamp=stamps(times_ns), frame=frames, **metrics).split()
 
-    def timing(self, stages: Sequence[str], ns: Ints, counts: Ints, frames: Ints, times_ns: Ints) -> list[bytes]:
+    def timing(self, stages: Sequence[str], ns: Ints, counts: Ints, frames: Ints, times_ns: Ints) -> ByteStrings:
         """geomphys.Timing of s stages, their times (n, s) and counts (n, s), of frames (n,) at times (n,)."""
         n = len(frames)
         rows = message(
@@ -231,11 +231,7 @@ def _vectors(values: Floats) -> Rows:
     return message(kind, **dict(zip("xyzw", values.T, strict=False)))
 
 
-def _with_rows(kind: type[Message], frames: Ints, times_ns: Ints, counts: Ints, **rows: Rows) -> list[bytes]:
+def _with_rows(kind: type[Message], frames: Ints, times_ns: Ints, counts: Ints, **rows: Rows) -> ByteStrings:
     """Messages of frames (n,) at times (n,), each with `counts` (n,) of the rows of one repeated field."""
     heads = message(kind, timestamp=stamps(times_ns), frame=frames).split()
-    return _joined(heads, message(kind, **rows).split(counts))
-
-
-def _joined(heads: Sequence[bytes], tails: Sequence[bytes]) -> list[bytes]:
-    return [head + tail for head, tail in zip(heads, tails, strict=True)]
+    return side_by_side(heads, message(kind, **rows).split(counts))

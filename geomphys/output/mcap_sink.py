@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from geomphys.config import Config
 from geomphys.errors import LogError, OutputError
 from geomphys.output import frame_columns
 from geomphys.output.attached_files import scene_files
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.contact_arrows import frame_durations
 from geomphys.output.encoders import (
     JOINT_STATE_DEFINITION,
@@ -94,7 +95,7 @@ class Column(NamedTuple):
 
     topic: str
     rows: Ints  # (k,)
-    data: Sequence[bytes]
+    data: ByteStrings
 
 
 class McapSink(ContextManaged):
@@ -223,21 +224,21 @@ class McapSink(ContextManaged):
         columns = [*self._columns(results)]
         rows = np.concatenate([column.rows for column in columns])
         channels = np.repeat([self._channels[c.topic] for c in columns], [len(c.rows) for c in columns])
-        data = list(chain.from_iterable(column.data for column in columns))
+        data = [column.data for column in columns]
         numbers, stamps = results.indices[rows], times[rows]
         lines = list(self._lines(results))
         if lines:
             row, index, time, line = zip(*lines, strict=True)
             rows, channels = np.append(rows, row), np.append(channels, [self._channels["/log"]] * len(lines))
-            numbers, stamps, data = np.append(numbers, index), np.append(stamps, time), [*data, *line]
+            numbers, stamps = np.append(numbers, index), np.append(stamps, time)
+            data.append(ByteStrings.of(line))
         order = np.argsort(rows, kind="stable")
-        in_order = Messages(
-            channels[order], numbers[order], stamps[order], stamps[order], [data[k] for k in order.tolist()]
-        )
+        rows, stamps = rows[order], stamps[order]
+        in_order = Messages(channels[order], numbers[order], stamps, stamps, ByteStrings.joined(data)[order])
         if self._input is None:
             self._file.add_messages(in_order)
         else:
-            self._write_with_input(self._input, times, rows[order], in_order)
+            self._write_with_input(self._input, times, rows, in_order)
 
     def _write_with_input(self, copied: InputCopy, times: Ints, rows: Ints, messages: Messages) -> None:
         """Write the messages of frames at times (n,), those of `rows` (k,), after what the input log has up to each."""
@@ -269,7 +270,7 @@ class McapSink(ContextManaged):
             ("/contacts/points", self._points.encode(contacts, times)),
             ("/contacts/scene", self._arrows.encode(contacts, times, self._durations(times))),
         ):
-            yield Column(topic, shown, [data[row] for row in shown.tolist()])
+            yield Column(topic, shown, data[shown])
         yield Column("/penetration", every, encoder.penetrations(pairs, frames, times))
         yield Column("/metrics", every, encoder.metrics(results.metrics, frames, times))
         if self._timing:
@@ -292,12 +293,13 @@ class McapSink(ContextManaged):
         self._time_before = int(times[-1])
         return durations
 
-    def _encode_transforms(self, corrected: Floats, times: Ints) -> list[bytes]:
+    def _encode_transforms(self, corrected: Floats, times: Ints) -> ByteStrings:
         """/tf of frames (n, B, 7): in the first of all every body, then those that move."""
-        first = [] if self._has_transforms else self._first_transforms.encode(corrected[:1], times[:1])
+        whole = slice(0 if self._has_transforms else 1)
+        first = self._first_transforms.encode(corrected[whole], times[whole])
         self._has_transforms = True
         rest = slice(len(first), None)
-        return first + self._transforms.encode(corrected[rest, self._moving], times[rest])
+        return ByteStrings.joined([first, self._transforms.encode(corrected[rest, self._moving], times[rest])])
 
     def _encode_joints(self, results: ResultColumns) -> Iterator[Column]:
         """The joints of each avatar."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
+from geomphys.output.byte_strings import ByteStrings, side_by_side
 from geomphys.recording.mcap_records import MAGIC
 from geomphys.storage.overlapped_call import OverlappedCall, can_overlap
 
@@ -65,7 +66,7 @@ class Messages(NamedTuple):
     sequences: Ints  # (k,) of which 32 bits are written
     log_times: Ints  # (k,) ns
     publish_times: Ints  # (k,) ns
-    data: Sequence[bytes]
+    data: ByteStrings
 
 
 class McapWriter:
@@ -109,17 +110,17 @@ class McapWriter:
         channel, number, log_ns, publish_ns = (
             np.array([value], np.int64) for value in (channel_id, sequence, log_time, publish_time)
         )
-        self.add_messages(Messages(channel, number, log_ns, publish_ns, [data]))
+        self.add_messages(Messages(channel, number, log_ns, publish_ns, ByteStrings.of([data])))
 
     def add_messages(self, messages: Messages) -> None:
         """Add messages in their order."""
-        count = len(messages.data)
+        count, lengths = len(messages.data), messages.data.length
         heads = np.zeros(count, _HEAD)
-        lengths = np.fromiter(map(len, messages.data), np.int64, count)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths + _LENGTH_AFTER
         heads["channel"], heads["sequence"] = messages.channels, messages.sequences & 0xFFFFFFFF
         heads["log_time"], heads["publish_time"] = messages.log_times, messages.publish_times
-        ends = np.cumsum(lengths + _HEAD.itemsize)
+        records = side_by_side(ByteStrings.of_rows(heads), messages.data)
+        ends, content = records.begin + records.length, records.content.data
         first = 0
         while first < count:
             done = int(ends[first - 1]) if first else 0
@@ -127,9 +128,7 @@ class McapWriter:
             stop = min(first + fitting + 1, count)
             starts = np.concatenate([[done], ends[first : stop - 1]]) - done + self._size
             self._indices.append((messages.channels[first:stop], messages.log_times[first:stop], starts))
-            parts = [b""] * (2 * (stop - first))
-            parts[::2], parts[1::2] = heads[first:stop].view(f"V{_HEAD.itemsize}").tolist(), messages.data[first:stop]
-            self._parts += parts
+            self._parts.append(content[done : int(ends[stop - 1])])
             self._size += int(ends[stop - 1]) - done
             self._end_if_full()
             first = stop
@@ -202,7 +201,7 @@ class McapWriter:
         return len(data)
 
     def _begin_chunk(self) -> None:
-        self._parts: list[bytes] = []
+        self._parts: list[bytes | memoryview] = []
         self._size = 0
         self._indices: list[tuple[Ints, Ints, Ints]] = []  # channels, times and offsets of messages
 

@@ -6,10 +6,8 @@ value zero and empty strings left out. The package builds a message field by fie
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +16,8 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
-Flags = NDArray[np.bool_]
+from geomphys.output.byte_strings import Bytes, ByteStrings, write_doubles, write_strings, write_varints
+
 Ints = NDArray[np.int64]
 
 NS_PER_S = 1_000_000_000
@@ -44,100 +42,122 @@ _WIRE_TYPES = {
 """Kinds of fields that are encoded here."""
 
 
-class Block(NamedTuple):
-    """Columns of bytes: (n, w), or (1, w) if all rows are the same."""
+class _Doubles(NamedTuple):
+    """A field of numbers of 64 bits, left out where they are zero."""
 
-    data: Bytes
-    present: Flags | None = None  # (n or 1, w or 1) mask of bytes that are written; None: all
-    lengths: Ints | None = None  # (n or 1,) bytes that are written of each row, where they are known
+    tag: int
+    values: Ints  # (n or 1,) their bits
+
+    def lengths(self) -> Ints:
+        lengths: Ints = (_tag_length(self.tag) + 8) * (self.values != 0)
+        return lengths
+
+    def take(self, index: Ints) -> _Doubles:
+        return _Doubles(self.tag, _taken(self.values, index))
+
+    def write(self, out: Bytes, at: Ints) -> None:
+        write_doubles(self.tag, self.values, out, at)
+
+
+class _Varints(NamedTuple):
+    """A field of whole numbers."""
+
+    tag: int
+    values: Ints  # (n or 1,)
+    with_zero: bool  # else it is left out where they are zero
+
+    def lengths(self) -> Ints:
+        length = _tag_length(self.tag) + _varint_lengths(self.values)
+        return length if self.with_zero else length * (self.values != 0)
+
+    def take(self, index: Ints) -> _Varints:
+        return _Varints(self.tag, _taken(self.values, index), self.with_zero)
+
+    def write(self, out: Bytes, at: Ints) -> None:
+        write_varints(self.tag, self.values, self.with_zero, out, at)
+
+
+class _Strings(NamedTuple):
+    """Bytes as they are."""
+
+    values: ByteStrings  # n or 1
+
+    def lengths(self) -> Ints:
+        return self.values.length
+
+    def take(self, index: Ints) -> _Strings:
+        return _Strings(self.values if len(self.values) == 1 else self.values[index])
+
+    def write(self, out: Bytes, at: Ints) -> None:
+        write_strings(self.values.content, self.values.begin, self.values.length, out, at)
+
+
+Column = _Doubles | _Varints | _Strings
 
 
 class Rows:
-    """n byte strings: `blocks` side by side. One row stands for as many as the others beside it have.
+    """n byte strings: `columns` side by side, each of n values, or of one that is in every row.
 
     Parameters
     ----------
-    blocks : sequence of Block
+    columns : sequence of Column
+    own_lengths : (n or 1,) int
+        Bytes of each row, the sum of what the columns have.
     following : (n,) int, optional
         Bytes that the caller writes after each row: the length of what holds a row counts them.
     """
 
-    def __init__(self, blocks: Sequence[Block], following: Ints | None = None) -> None:
-        self.blocks, self.following = blocks, following
-        sizes = (len(part) for block in blocks for part in block if part is not None)
-        self.count = next((size for size in sizes if size != 1), 1)
+    def __init__(self, columns: Sequence[Column], own_lengths: Ints, following: Ints | None = None) -> None:
+        self.columns, self.own_lengths, self.following = columns, own_lengths, following
+
+    @staticmethod
+    def beside(parts: Sequence[Rows]) -> Rows:
+        """The rows of all parts side by side; the last may have bytes that follow."""
+        columns = [column for part in parts for column in part.columns]
+        return Rows(columns, _sum([part.own_lengths for part in parts]), parts[-1].following if parts else None)
 
     def followed_by(self, following: Ints) -> Rows:
         """The same rows, each with more bytes after it."""
-        return Rows(self.blocks, following)
+        return Rows(self.columns, self.own_lengths, following)
 
     def take(self, index: Ints) -> Rows:
         """Rows by their indices (m,)."""
-
-        def taken(part: Any) -> Any:
-            return part if part is None or len(part) == 1 else part[index]
-
-        return Rows([Block(*map(taken, block)) for block in self.blocks])
+        return Rows([column.take(index) for column in self.columns], _taken(self.own_lengths, index))
 
     def lengths(self) -> Ints:
         """Bytes (n,) of each row, those that follow included; (1,) if all are the same."""
-        own = self._own_lengths()
-        return own if self.following is None else own + self.following
+        return self.own_lengths if self.following is None else self.own_lengths + self.following
 
-    def _own_lengths(self) -> Ints:
-        total = np.zeros(1, np.int64)
-        for data, present, lengths in self.blocks:
-            if lengths is not None:
-                total = total + lengths
-            elif present is None:
-                total = total + data.shape[1]
-            elif present.shape[1] == data.shape[1]:
-                total = total + present.sum(axis=1)
-            else:
-                total = total + data.shape[1] * present[:, 0]
-        return total
-
-    def split(self, counts: Ints | None = None) -> list[bytes]:
+    def split(self, counts: Ints | None = None) -> ByteStrings:
         """The strings; with `counts` (k,), that many rows after another are one string."""
-        width = sum(block.data.shape[1] for block in self.blocks)
-        data = np.empty((self.count, width), np.uint8)
-        mask = np.ones((self.count, width), bool) if any(b.present is not None for b in self.blocks) else None
-        start = 0
-        for block in self.blocks:
-            end = start + block.data.shape[1]
-            data[:, start:end] = block.data
-            if mask is not None and block.present is not None:
-                mask[:, start:end] = block.present
-            start = end
-        if mask is None:
-            flat, ends = data.ravel(), np.arange(1, self.count + 1) * width
-        else:
-            flat, ends = data[mask], np.cumsum(np.broadcast_to(self._own_lengths(), self.count))
-        ends = np.concatenate([[0], ends])
+        lengths = self.own_lengths
+        ends = np.cumsum(lengths)
+        content, at = np.empty(int(lengths.sum()), np.uint8), ends - lengths
+        for column in self.columns:
+            column.write(content, at)
         if counts is not None:
-            ends = ends[np.concatenate([[0], np.cumsum(counts)])]
-        content = flat.data  # the array's own memory: a copy as one string would cost as much as all that precedes
-        return [bytes(content[a:b]) for a, b in pairwise(ends.tolist())]
+            ends = np.concatenate([[0], ends])[np.cumsum(counts)]
+            lengths = np.diff(ends, prepend=0)
+        return ByteStrings(content, ends - lengths, lengths)
 
 
 def constant(data: bytes) -> Rows:
     """The same bytes in every row."""
-    return Rows([Block(np.frombuffer(data, np.uint8)[None])])
+    return strings([data])
 
 
 def strings(texts: Sequence[bytes]) -> Rows:
     """A row for each text."""
-    width = max(map(len, texts), default=0)
-    padded = np.frombuffer(b"".join(text.ljust(width, b"\0") for text in texts), np.uint8).reshape(len(texts), width)
-    lengths = np.array([len(text) for text in texts], np.int64)
-    return Rows([Block(padded, np.arange(width) < lengths[:, None], lengths)])
+    return _rows(_Strings(ByteStrings.of(texts)))
 
 
 def array_rows(values: NDArray[Any]) -> Rows:
     """The little-endian bytes of each row of numbers (n, k), or of each record (n,)."""
-    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    size = values.itemsize * math.prod(values.shape[1:])
-    return Rows([Block(little.view(np.uint8).reshape(len(values), size))])
+    return _rows(_Strings(ByteStrings.of_rows(values)))
+
+
+def _rows(column: Column) -> Rows:
+    return Rows([column], column.lengths())
 
 
 def message(kind: type[Message], **columns: Any) -> Rows:
@@ -156,26 +176,19 @@ def message(kind: type[Message], **columns: Any) -> Rows:
     Rows
         A column with `followed_by` bytes goes last, and its length includes them.
     """
-    blocks: list[Block] = []
-    following: Ints | None = None
+    found: list[Rows] = []
     for name, tag, wire, is_message in _fields(kind.DESCRIPTOR):
         if name not in columns:
             continue
         value = columns[name]
         if wire == _DELIMITED:
             rows = value if isinstance(value, Rows) else constant(value)
-            lengths, following = rows.lengths(), rows.following
-            is_there = None if is_message or lengths.all() else (lengths > 0)[:, None]
-            blocks += [Block(tag, is_there), *_varints(lengths, is_there), *rows.blocks]
+            found += [_rows(_Varints(tag, rows.lengths(), with_zero=is_message)), rows]
         elif wire == _FIXED64:
-            numbers = np.ascontiguousarray(np.atleast_1d(value), "<f8")
-            is_there = None if (present := numbers.view(np.int64) != 0).all() else present[:, None]
-            blocks += [Block(tag, is_there), Block(numbers.view(np.uint8).reshape(-1, 8), is_there)]
+            found.append(_rows(_Doubles(tag, np.array(value, np.float64, ndmin=1).view(np.int64))))
         else:
-            whole = np.atleast_1d(value).astype(np.int64)
-            is_there = None if (present := whole != 0).all() else present[:, None]
-            blocks += [Block(tag, is_there), *_varints(whole, is_there)]
-    return Rows(blocks, following)
+            found.append(_rows(_Varints(tag, np.array(value, ndmin=1).astype(np.int64), with_zero=False)))
+    return Rows.beside(found)
 
 
 def stamps(times_ns: Ints) -> Rows:
@@ -184,29 +197,31 @@ def stamps(times_ns: Ints) -> Rows:
     return message(Timestamp, seconds=seconds, nanos=nanos)
 
 
-def _varints(values: Ints, is_there: Flags | None) -> Iterable[Block]:
-    """Whole numbers (n,) in 7 bits a byte, lowest first; negative ones as of 64 bits."""
-    bits = values.astype(np.uint64)
-    width = max(1, -(-int(bits.max(initial=0)).bit_length() // 7))
-    shifted = bits[:, None] >> np.arange(0, 7 * width, 7, dtype=np.uint64)
-    data = (shifted & np.uint64(0x7F)).astype(np.uint8)
-    present = shifted != 0
-    present[:, 0] = True
-    data[:, :-1] |= present[:, 1:].astype(np.uint8) << 7
-    if is_there is not None:
-        present = present & is_there
-    elif present.all():
-        yield Block(data)
-        return
-    lengths = np.zeros(len(present), np.int64)
-    for column in present.T:  # few of them, of many rows
-        lengths += column
-    yield Block(data, present, lengths)
+def _sum(lengths: Sequence[Ints]) -> Ints:
+    """The sum (n or 1,) of lengths (n or 1,), those of one first: n of them are added as seldom as can be."""
+    total: Ints = sum(sorted(lengths, key=len), np.zeros(1, np.int64))
+    return total
+
+
+def _taken(values: Ints, index: Ints) -> Ints:
+    return values if len(values) == 1 else values[index]
+
+
+def _varint_lengths(values: Ints) -> Ints:
+    """Bytes of whole numbers (n,)."""
+    unsigned, lengths = values.view(np.uint64), np.ones(len(values), np.int64)
+    for limit in range(7, 7 * -(-int(unsigned.max(initial=1)).bit_length() // 7), 7):
+        lengths += unsigned >= 1 << limit
+    return lengths
+
+
+def _tag_length(tag: int) -> int:
+    return 1 if tag < 0x80 else 2
 
 
 class _Field(NamedTuple):
     name: str
-    tag: Bytes  # (1, w)
+    tag: int
     wire: int
     is_message: bool
 
@@ -218,7 +233,6 @@ def _fields(kind: Descriptor) -> tuple[_Field, ...]:
     for field in sorted(kind.fields, key=lambda f: f.number):
         if field.type in _WIRE_TYPES:
             wire = _WIRE_TYPES[field.type]
-            (tag,) = _varints(np.array([field.number << 3 | wire]), None)
             is_message = field.type == FieldDescriptor.TYPE_MESSAGE
-            found.append(_Field(field.name, tag.data, wire, is_message))
+            found.append(_Field(field.name, field.number << 3 | wire, wire, is_message))
     return tuple(found)

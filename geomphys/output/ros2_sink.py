@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.encoders import JOINT_STATE_DEFINITION, STRING_DEFINITION
 from geomphys.output.mcap_sink import Column, McapSink
 from geomphys.output.ros2_messages import (
@@ -73,15 +74,17 @@ class Ros2Sink(McapSink):
         every, times = np.arange(len(results)), results.times_ns.tolist()
         if not self._has_transforms:
             self._has_transforms = True
-            yield Column("/tf_static", every[:1], [self._tf_static.encode(results.corrected[0, self._still], times[0])])
-        moving, driven = results.corrected[:, self._moving], results.recorded[:, self._driven]
-        yield Column("/tf", every, [self._tf.encode(*row) for row in zip(moving, times, strict=True)])
-        yield Column("/recorded/tf", every, [self._tf_recorded.encode(*row) for row in zip(driven, times, strict=True)])
+            still = self._tf_static.encode(results.corrected[0, self._still], times[0])
+            yield Column("/tf_static", every[:1], ByteStrings.of([still]))
+        for topic, encoder, poses in (
+            ("/tf", self._tf, results.corrected[:, self._moving]),
+            ("/recorded/tf", self._tf_recorded, results.recorded[:, self._driven]),
+        ):
+            yield Column(topic, every, ByteStrings.of(map(encoder.encode, poses, times)))
         yield from self._encode_joints(results)
         durations = self._durations(results.times_ns).tolist()
-        contacts = (results.result(row).contacts for row in range(len(results)))
-        rows = zip(contacts, times, durations, strict=True)
-        yield Column("/contacts/markers", every, [self._markers.encode(*row) for row in rows])
+        contacts = [results.result(row).contacts for row in range(len(results))]
+        yield Column("/contacts/markers", every, ByteStrings.of(map(self._markers.encode, contacts, times, durations)))
 
     def _lines(self, results: ResultColumns) -> Iterator[tuple[int, int, int, bytes]]:
         return iter(())

@@ -105,6 +105,12 @@ class Watermark:
         self.latest: list[int] = []
         self.time = NEVER
 
+    def copy(self) -> Watermark:
+        """Another with the same times."""
+        other = Watermark()
+        other.latest, other.time = self.latest.copy(), self.time
+        return other
+
     def add(self, time: int) -> None:
         """Add the time of a message."""
         if len(self.latest) < WATERMARK_RANK:

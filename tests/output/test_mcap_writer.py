@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.mcap_writer import CHUNK_BYTES, McapWriter, Messages
 
 COUNT = 700
@@ -21,7 +22,9 @@ def random_messages(size: int) -> Messages:
     count = COUNT if size < CHUNK_BYTES else 4
     channels, times = random.integers(1, 3, count), random.integers(5, 10**12, count)
     lengths = random.integers(size // 2, size + 1, count).tolist()
-    return Messages(channels, np.arange(count) + 2**32 - 5, times, times + 7, [random.bytes(n) for n in lengths])
+    return Messages(
+        channels, np.arange(count) + 2**32 - 5, times, times + 7, ByteStrings.of(random.bytes(n) for n in lengths)
+    )
 
 
 def begin(file: Writer | McapWriter) -> None:
