@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 import gc
 import time
@@ -29,10 +30,15 @@ STOP = "stop"
 
 POLL_S = 0.2
 """s; interval between checks for `STOP`."""
-GC_THRESHOLD = 50_000
-"""Allocations between garbage collections of a worker; the default is 700."""
 REMOTE_POLL_S = 5.0
 """s; the same for a folder behind a URL."""
+GC_THRESHOLD = 50_000
+"""Allocations between garbage collections of a worker; the default is 700."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of `mallopt`
+FREE_MEMORY_BYTES = 1 << 27
+"""A worker gives free memory back beyond this."""
+MAPPED_BYTES = 1 << 25
+"""Arrays from this size on are of the system, and go back to it at once."""
 
 Status = Literal["done", "failed", "interrupted"]
 
@@ -155,13 +161,18 @@ _preloaded_worlds: dict[str, World] = {}
 def preload_world(world: World) -> None:
     """Make a world available to the jobs of this process, which then need not load its meshes.
 
-    What is loaded by now stays: garbage is collected among what comes after it, and seldom.
+    What is loaded by now stays: garbage is collected among what comes after it, and seldom. Memory that a log used is
+    left to the next one; otherwise the system takes it back, and clears every page of it for each log.
     """
     import geomphys.replays  # noqa: F401  # with all that a job needs
 
     _preloaded_worlds[sha256_of_world(world)] = world
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD, 20, 20)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # of the GNU C library
+    if mallopt is not None:
+        mallopt(M_TRIM_THRESHOLD, FREE_MEMORY_BYTES)
+        mallopt(M_MMAP_THRESHOLD, MAPPED_BYTES)
 
 
 @lru_cache(maxsize=2)
