@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
 
 from geomphys.output.colours import GHOST, Colour, colours_of_trees
+from geomphys.output.protobuf_columns import Rows, message, stamps, strings
 from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.frame_ids import RECORDED_PREFIX
 from geomphys.scene.world import World
@@ -28,24 +31,26 @@ def encode_ghosts(world: World, time_ns: int) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _surfaces(world: World) -> SceneUpdate:
+def _surfaces(world: World) -> Rows:
+    """The entities, without their times."""
     palette = colours_of_trees(world.facts)
-    message = SceneUpdate()
+    entities: list[SceneEntity] = []
     for body, mesh in enumerate(world.triangles):
         colour = palette[world.tree_names[world.scene.bodies.tree[body]]]
-        _add_entity(message, world.body_names[body], world.frame_names[body], mesh, colour)
-    return message
+        entities += _entity(world.body_names[body], world.frame_names[body], mesh, colour)
+    return strings([entity.SerializeToString(deterministic=True) for entity in entities])
 
 
 @lru_cache(maxsize=1)
-def _ghosts(world: World) -> SceneUpdate:
-    message = SceneUpdate()
+def _ghosts(world: World) -> Rows:
+    """The entities, without their times."""
+    entities: list[SceneEntity] = []
     for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
         vertices, faces = world.triangles[body]
         points = np.round(vertices - GHOST_INSET_M * _outward(vertices, faces), 7)  # m; no rounding of a library shows
         body_name, frame = RECORDED_PREFIX + world.body_names[body], RECORDED_PREFIX + world.frame_names[body]
-        _add_entity(message, body_name, frame, (points, faces), GHOST)
-    return message
+        entities += _entity(body_name, frame, (points, faces), GHOST)
+    return strings([entity.SerializeToString(deterministic=True) for entity in entities])
 
 
 def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -63,28 +68,24 @@ def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray
     return directions
 
 
-def _add_entity(
-    message: SceneUpdate,
-    name: str,
-    frame: str,
-    mesh: tuple[NDArray[np.float64], NDArray[np.int64]],
-    colour: Colour,
-) -> None:
+def _entity(
+    name: str, frame: str, mesh: tuple[NDArray[np.float64], NDArray[np.int64]], colour: Colour
+) -> Iterator[SceneEntity]:
+    """The entity of a body, if it has a surface."""
     vertices, faces = mesh
     if len(faces) == 0:
         return
-    entity = message.entities.add(id=name, frame_id=frame, frame_locked=True)
+    entity = SceneEntity(id=name, frame_id=frame, frame_locked=True)
     surface = entity.triangles.add(indices=faces.ravel().tolist())
     surface.pose.orientation.w = 1.0
     surface.color.r, surface.color.g, surface.color.b, surface.color.a = (channel / 255 for channel in colour)
     for x, y, z in vertices.tolist():
         surface.points.add(x=x, y=y, z=z)
+    yield entity
 
 
-def _serialized(surfaces: SceneUpdate, time_ns: int) -> bytes:
-    message = SceneUpdate()
-    message.CopyFrom(surfaces)
-    for entity in message.entities:
-        entity.timestamp.seconds, entity.timestamp.nanos = divmod(time_ns, 1_000_000_000)
-    data: bytes = message.SerializeToString(deterministic=True)
-    return data
+def _serialized(entities: Rows, time_ns: int) -> bytes:
+    """The message; the time is the first field of an entity."""
+    times = message(SceneEntity, timestamp=stamps(np.array([time_ns])))
+    rows = message(SceneUpdate, entities=Rows.beside([times, entities]))
+    return rows.split(np.array([len(rows.lengths())]))[0]
