@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
@@ -39,6 +39,7 @@ from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remot
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
 _Pending = tuple[int, int, int, int, bytes, int]  # log time, order in the file, channel, publish time, data, sequence
+_SpanKey = tuple[int, Span, int, frozenset[int]]  # number of the file, span, order, channels
 MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
 MAX_LISTED_OPCODES = 4
 
@@ -90,6 +91,7 @@ class LogReader:
         self.size = 0
         self._recover = recover
         self._streams: dict[RemotePath, BinaryIO] = {}  # of files behind URLs
+        self._loaded: tuple[_SpanKey, list[_Pending]] | None = None  # the span that was loaded last, for the next pass
         self._scans: list[FileScan] = []
         for file in self.files:
             self._scans.append(self._scan(file))
@@ -119,6 +121,7 @@ class LogReader:
 
     def close(self) -> None:
         """End the use of the reader."""
+        self._loaded = None
         while self._streams:
             self._streams.popitem()[1].close()
 
@@ -199,14 +202,17 @@ class LogReader:
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
         """Messages of a span, each with its rank in file order."""
         base, channels, file = number << 16, self._scans[number].channels, self.files[number]
-        selected = {c for c in span.channels if c in channels and (keys is None or base | c in keys)}
+        selected = frozenset(c for c in span.channels if c in channels and (keys is None or base | c in keys))
         if not selected:
             return []
+        span_key = number, span, order, selected
+        if self._loaded is not None and self._loaded[0] == span_key:
+            return self._loaded[1]
         try:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
                 messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
-                return [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
+                loaded = [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
         except (BadRecordError, ValueError, struct.error) as problem:
@@ -215,6 +221,8 @@ class LogReader:
             raise DamagedLogError(
                 f"{file}: is damaged: the chunk at byte {span.offset} {problem}; --recover replays what is intact"
             ) from problem
+        self._loaded = span_key, loaded
+        return loaded
 
     @contextmanager
     def _opened(self, file: AnyPath) -> Iterator[BinaryIO]:
@@ -228,7 +236,7 @@ class LogReader:
         yield self._streams[file]
 
     @staticmethod
-    def _chunk_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+    def _chunk_messages(stream: BinaryIO, span: Span, selected: Set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages of a chunk; the stream is positioned at its record."""
         first_bytes = stream.read(min(span.length, 9 + CHUNK.size + 80))
         if len(first_bytes) < 9:
@@ -256,7 +264,7 @@ class LogReader:
                 yield channel, log_time, publish_time, unpacked[begin + 22 : end], sequence
 
     @staticmethod
-    def _run_messages(stream: BinaryIO, span: Span, selected: set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
+    def _run_messages(stream: BinaryIO, span: Span, selected: Set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
         """Messages outside of chunks."""
         read, seek = stream.read, stream.seek
         at, stop = span.offset, span.offset + span.length
