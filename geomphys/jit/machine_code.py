@@ -91,7 +91,17 @@ def object_file(text: str, name: str, symbol: str) -> tuple[bytes, list[str]]:
     function.linkage, function.name = "external", symbol
     outside = [value.name for value in module.global_variables if value.is_declaration]
     slots = [name.removesuffix(SLOT) for name in outside if name.endswith(SLOT)]
-    return _target_machine().emit_object(module), slots
+    return _optimised(module), slots
+
+
+def _optimised(module: Any) -> bytes:
+    """Machine code of a module, optimised once more: numba did it for functions that anyone may call, half of which now go."""
+    machine, options = _target_machine(), llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = False  # that is done
+    passes = llvm.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(module, passes)
+    code: bytes = machine.emit_object(module)
+    return code
 
 
 def _short(name: re.Match[str]) -> str:
