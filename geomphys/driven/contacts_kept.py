@@ -119,20 +119,26 @@ def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
 
 @noinline
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
-    """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording."""
+    """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording.
+
+    Those with the least bounds first, until one that is measured is nearer than the bounds of the others.
+    """
     work, near = ws.work, ws.near
     for i in range(work.counts.touches):
         tip, other = work.touches[i].tip, work.touches[i].body
         if work.mobility[scene.bodies.tree[tip]] != GENERAL_MOTION:
             continue
-        nearest = limit
-        for j in range(work.counts.touch_pairs):
-            k = work.touch_pairs[j]
-            if near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
-                s = measure_near(
-                    scene.pieces, ws.piece_frames.frames, k, nearest, near, ws.detection.axes, ws.detection.scratch
-                )
-                nearest = min(nearest, s)
+        while True:
+            first, least = -1, limit
+            for j in range(work.counts.touch_pairs):
+                k = work.touch_pairs[j]
+                if near.separation[k] < least and _is_touch(scene, ws, k, tip, other):
+                    first, least = k, near.separation[k]
+            if first < 0 or near.exact[first] == 1:
+                break
+            measure_near(
+                scene.pieces, ws.piece_frames.frames, first, limit, near, ws.detection.axes, ws.detection.scratch
+            )
 
 
 @kernel
