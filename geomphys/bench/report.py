@@ -133,7 +133,7 @@ class Curve:
 class Share:
     """What a part of a process took."""
 
-    name: str  # starting, reading, computing, writing
+    name: str  # starting, importing, reading, computing, writing
     seconds: float
 
 

@@ -1,12 +1,13 @@
 """Times whole processes: a replay from the command line to its files on disk, and batches of short clips.
 
-What a replay spends on frames is in its own ``/timing``; the rest is starting: loading Python's modules, the kernels and
-the scene, reading what is known of the log beforehand, and closing the files.
+What a replay spends on frames is in its own ``/timing``. The rest is importing Python's modules, which Python itself times in
+another run, and starting: Python, the kernels, the scene, what is known of the log beforehand, opening and closing the files.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -45,12 +46,16 @@ def time_process(files: ExperimentFiles, repeats: int, *, rrd: bool) -> ProcessT
         command += ["--rrd", str(out.with_suffix(".rrd"))] if rrd else []
         runs = []
         for _ in range(repeats + 1):
-            wall, cpu = _run(command)
+            wall, cpu, _ = _run(command)
             runs.append((wall, cpu, _seconds_of_stages(out)))
         wall, cpu, stages = min(runs[1:])
         frames = open_output(out)
         recorded = (frames.time_of(frames.frame_count - 1) - frames.time_of(0)) * 1e-9
-        shares = [Share(name="starting", seconds=wall - sum(stages.values()))]
+        importing = min(_seconds_of_imports(command) for _ in range(repeats))
+        shares = [
+            Share(name="starting", seconds=wall - importing - sum(stages.values())),
+            Share(name="importing", seconds=importing),
+        ]
         shares += [Share(name=STAGES[name], seconds=seconds) for name, seconds in stages.items()]
         return ProcessTime(
             name=f"{files.name}, {'MCAP and rerun' if rrd else 'MCAP'}",
@@ -78,7 +83,7 @@ def time_batches(
         found = []
         for count in jobs:
             out = folder / f"out{count}"
-            wall, cpu = _run(
+            wall, cpu, _ = _run(
                 ["batch", str(logs), "--scene", str(files.scene), "-O", str(out), "--jobs", str(count), "--quiet"]
             )
             shutil.rmtree(out)
@@ -116,14 +121,17 @@ def _span_ns(messages: Sequence[RawMessage]) -> int:
     return messages[-1].log_time - messages[0].log_time
 
 
-def _run(arguments: Sequence[str]) -> tuple[float, float]:
-    """Wall and processor seconds of a command with all its processes, which may keep the bytecode of modules."""
+def _run(arguments: Sequence[str], *settings: str) -> tuple[float, float, str]:
+    """Wall and processor seconds of a command with all its processes, which may keep the bytecode of modules; what it said.
+
+    `settings` are Python's own.
+    """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     # an installed package has it: without it a start takes twice as long
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(
-        ending_with_this_process([sys.executable, "-m", "geomphys", *arguments]),
+        ending_with_this_process([sys.executable, *settings, "-m", "geomphys", *arguments]),
         capture_output=True,
         text=True,
         check=False,
@@ -132,7 +140,13 @@ def _run(arguments: Sequence[str]) -> tuple[float, float]:
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode != 0:
         raise GeomphysError(f"geomphys {arguments[0]} failed: {done.stderr.strip().splitlines()[-1:]}")
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stderr
+
+
+def _seconds_of_imports(command: Sequence[str]) -> float:
+    """Seconds that a command takes to import modules, those of Python's own start included."""
+    said = _run(command, "-X", "importtime")[2]
+    return sum(map(int, re.findall(r"^import time: +(\d+) \|", said, re.MULTILINE))) * 1e-6
 
 
 def _seconds_of_stages(out: Path) -> dict[str, float]:
