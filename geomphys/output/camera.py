@@ -63,7 +63,7 @@ def choose_viewpoint(points: Floats, triangles: Floats, contact_frames: Sequence
         triangles = triangles[:: max(1, len(sample) * len(triangles) * len(eyes) // _RAYS)]
     around = _CLEARANCE * radius * (np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0)
     best, largest = 0, -np.inf
-    for k, eye in enumerate(eyes):  # what cannot be better is not looked at any further
+    for k, eye in enumerate(eyes):  # but for those that cannot be better
         if 1.0 - penalty[k] <= largest:
             continue
         visible = _visible_fraction(eye, sample, triangles)
