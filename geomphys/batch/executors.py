@@ -76,7 +76,7 @@ def _run_until_process_dies(
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue until it is empty or a process dies; returns the jobs that ran when it died.
 
-    What has become of a job is told once the next one is at work, except of a failed one, after which none may start.
+    The outcome of a job is reported once the next one is at work; that of a failed job at once, as none may start after it.
     """
     executor = ProcessPool(count, preload_world, world)
     running: dict[Future[Outcome], tuple[int, Job]] = {}

@@ -161,8 +161,8 @@ _preloaded_worlds: dict[str, World] = {}
 def preload_world(world: World) -> None:
     """Make a world available to the jobs of this process, which then need not load its meshes.
 
-    What is loaded by now stays: garbage is collected among what comes after it, and seldom. Memory that a log used is
-    left to the next one; otherwise the system takes it back, and clears every page of it for each log.
+    What is loaded by now stays: garbage is collected among what comes after it, and seldom. Memory that is freed
+    stays in the process for the next log; otherwise the system would clear every page of it anew for each.
     """
     import geomphys.replays  # noqa: F401  # with all that a job needs
 
