@@ -50,6 +50,8 @@ SEARCH_COUNTS = np.dtype(
         ("touch_pairs", np.int64),  # and of `touch_pairs`
         ("witness", np.int64),  # the listed pair by which a posture was last found not to be free, to be tried first
         ("next_spot", np.int64),  # row of `spots` to fill next
+        ("overlap_a", np.int64),  # pieces of the pair that overlapped most at the goals when some were last not free
+        ("overlap_b", np.int64),
     ]
 )
 """Counts of the tables of a search."""

@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.detect import approximate_separation
 from geomphys.collision.sweep import update_boxes
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.contacts_kept import drop_touches
@@ -54,15 +55,34 @@ from geomphys.scene.kinematics import orientation_of, set_pose
 Floats = NDArray[np.float64]
 
 
+@kernel
+def _is_blocked_again(scene: Scene, ws: DrivenWorkspace) -> bool:
+    """Whether the only driven tree overlaps at its goal where it did most when last it was not free: to know saves time."""
+    driven, a, b = 0, ws.work.counts.overlap_a, ws.work.counts.overlap_b
+    for tree in range(len(scene.trees.role)):
+        driven += int(scene.trees.role[tree] == DRIVEN)
+    if driven != 1 or a == b or ws.work.ignored[scene.bodies.tree[scene.pieces.body[b]]] == 1:
+        return False
+    frames, detection = ws.piece_frames.frames, ws.detection
+    s, _ = approximate_separation(scene.pieces, frames, a, b, 0.0, detection.axes, detection.scratch)
+    return s < 0.0
+
+
 @noinline
 def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> bool:
     """Set the trees whose goals are free and reachable, put the others back and group them; whether there are any."""
     work, near = ws.work, ws.near
-    measure_swept_pairs(scene, ws, work.goal)
-    some = False
+    some = _is_blocked_again(scene, ws)
     for tree in range(len(work.mobility)):
-        work.blocked[tree], work.group[tree] = 0, tree
+        work.blocked[tree], work.group[tree] = int(some and scene.trees.role[tree] == DRIVEN), tree
+    if some:
+        near.counts.filled = 0
+    else:
+        measure_swept_pairs(scene, ws, work.goal)
+    deepest = 0.0
     for k in range(near.counts.filled):
+        if near.separation[k] < deepest and is_unlocked_pair(ws, k):
+            deepest, work.counts.overlap_a, work.counts.overlap_b = near.separation[k], near.a[k], near.b[k]
         if not is_unlocked_pair(ws, k) or (work.blocked[near.tree_a[k]] == 1 and work.blocked[near.tree_b[k]] == 1):
             continue
         if near.separation[k] < 0.0 or not path_of_pair_is_free(scene, ws, work.goal, k):
