@@ -95,7 +95,7 @@ def tree_cost(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> fl
     """E of a tree, without the terms of rigid trees."""
     cost = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        w = ws.links.weight[body]
+        w = ws.work.weight[body]
         if w > 0.0:
             _, _, e = _residual(ws, poses, body, vec_at(ws.work.target, body), orientation_of(ws.work.target, body))
             cost += 0.5 * w * e
@@ -118,11 +118,11 @@ def _add_inertia(to: Inertia, other: Inertia) -> None:
 @kernel
 def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
     """Composite inertias and forces of a tree about its pivot; returns E."""
-    inertia, force, links, target = ws.work.inertia, ws.work.force, ws.links, ws.work.target
+    inertia, force, target = ws.work.inertia, ws.work.force, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     pivot, cost = pivot_of(ws, poses, tree), 0.0
     for body in range(first, last):
-        w = links.weight[body]
+        w = ws.work.weight[body]
         own = inertia[body]
         own.mass = own.xx = own.yy = own.zz = own.xy = own.xz = own.yz = 0.0
         set_vec(own.first_moment, (0.0, 0.0, 0.0))
@@ -165,7 +165,7 @@ def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
     middle = quat_rotate(orientation_of(target, first), vec_at(links.centre, first))
     target_root = sub(vec_at(target, first), middle)
     for body in range(first, last):
-        w = links.weight[body]
+        w = ws.work.weight[body]
         for k in range(6):
             force[body, k] = 0.0
         if w == 0.0:

@@ -169,6 +169,7 @@ class SearchWorkspace(NamedTuple):
     start: Posture  # a free start
     goal: Posture  # goal by the coupling
     filtered: Posture  # the recording without the tremor of grips; angles unused
+    weight: Floats  # (B,) of each link in the objective: more where its target is far from where it was recorded
     target: Floats  # (B, 7) target of each link: of its centre, its orientation
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
@@ -256,7 +257,7 @@ def make_piece_frames(scene: Scene) -> PieceFrames:
     )
 
 
-def make_search_workspace(scene: Scene, poses: Floats, pairs: int, iterations: int) -> SearchWorkspace:
+def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int, iterations: int) -> SearchWorkspace:
     """Workspace of a search of up to `iterations` iterations in a scene with up to `pairs` near pairs."""
     trees, bodies = len(scene.trees.role), len(scene.bodies.role)
     dofs, pieces = len(scene.dofs.lower), len(scene.pieces.kind)
@@ -269,6 +270,7 @@ def make_search_workspace(scene: Scene, poses: Floats, pairs: int, iterations: i
         start=make_posture(scene, poses),
         goal=make_posture(scene, poses),
         filtered=make_posture(scene, poses),
+        weight=links.weight.copy(),
         target=np.zeros((bodies, 7)),
         cached_target=np.zeros((bodies, 7)),
         anchor=np.zeros((bodies, 3)),
@@ -332,7 +334,7 @@ def make_driven_workspace(
         near=near,
         listed=make_near(len(near.a)),
         row_state=np.zeros(len(near.a), np.int64),
-        work=make_search_workspace(scene, poses, len(near.a), iterations),
+        work=make_search_workspace(scene, poses, links, len(near.a), iterations),
         problem=make_quadratic(max(unknowns, 1), ROWS),
         detection=detection,
         weights=weights,

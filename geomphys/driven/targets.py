@@ -38,6 +38,8 @@ NO_ROTATION = 1e-6  # rad: smaller rotation offsets of links count as zero
 DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the coupling in a frame: times its motion
 MIN_DEVIATION = 1.4e-3  # m: the same, at least
 COMING_TO_REST = 0.25  # of its speed in the last step: a slower recorded link comes to rest
+LEAST_DEPTH = 5e-4  # m: a smaller recorded depth counts as this where offsets are compared with it
+MAX_GROWTH = 100.0  # of the weight of a link that is far off
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
 
@@ -174,6 +176,21 @@ def _take_prescribed(
         ].velocity[i]
 
 
+@kernel
+def _set_link_weights(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int) -> None:
+    """Weights of the links of a tree in the objective: in chains more where an offset is large against the recorded depth.
+
+    In the metric of the links alone one finger is moved far where two overlap near their knuckles; so other links share in it.
+    """
+    depth = max(ws.work.depth[tree], LEAST_DEPTH)
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        ws.work.weight[body] = ws.links.weight[body]
+        if not is_rigid(scene, tree):
+            amplification = norm(vec_of(state.link_offsets[body].translation)) / depth
+            excess = max(amplification - ws.weights.amplification, 0.0) / ws.weights.excess
+            ws.work.weight[body] *= 1.0 + min(excess * excess, MAX_GROWTH)
+
+
 @noinline
 def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
     """Relax all offsets by `dt` [s], set targets, anchors and limits of the links, whose recorded poses are (B, 7).
@@ -189,6 +206,7 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
         else:
             _relax_tree(scene, state, ws, tree, recorded, dt)
         motion = 0.0
+        _set_link_weights(scene, state, ws, tree)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
             motion = max(motion, norm(path))

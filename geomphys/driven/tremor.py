@@ -45,7 +45,7 @@ Floats = NDArray[np.float64]
 
 ARM = 0.1  # m: lever of a rotation in |x - y|
 FREQUENCY = 2.0 * math.pi * 2.0  # rad/s: w0
-FULL_GRIP = 3e-3  # m: depth of a grip from which on it counts as firm
+FULL_GRIP = 2e-3  # m: depth of a grip from which on it counts as firm
 NO_GRIP = 1e-6  # a looser grip counts as none
 FARTHEST = 2.0  # times r: |x - y| at most
 
