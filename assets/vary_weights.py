@@ -120,7 +120,7 @@ REASONS = {
     "base": "of a palm, times its area: lighter, jerk is less, but what meets nothing moves with it by over 0.8 mm",
     "supported": "of the palm's rotation, times the second moments of what it carries: less, and it turns with a finger",
     "amplification": "times the depth; farther off, links weigh more, others share: less, and a palm moves with a finger",
-    "excess": "times it, twice as much so far beyond: without it fingers that meet at their knuckles go 8 times as far",
+    "excess": "times it; so far beyond, twice as much: without it fingers that meet near their knuckles go 8 times their overlap",
     "shape": "in one piece: high enough that a hand keeps its shape where a short way aside frees it",
     "smooth": "joints that tremble against palms that move with a finger: more is calmer; at 0 a pinch jerks 1.2 times",
     "rigid_smooth": "the same in one piece: half of it, and joints of clapping hands jerk over twice",

@@ -7,6 +7,9 @@ bodies: with the mass w, the covariance of the surface as their second moments, 
 roots and joints is the joint-space inertia matrix, found by composite bodies from the tips to the root (Featherstone,
 Rigid Body Dynamics Algorithms, 2008, chapter 6).
 
+w is the link's area; in chains it is more where the link was off by more than `Weights.amplification` times the recorded depth
+(`targets.set_link_targets`): squares alone would leave all to one finger that has a bad lever, where others can share.
+
 A rigid hand may change shape and rotation too, at a higher weight: the same sum over links in the root's frame, and the
 rotation of the root, have `Weights.shape` times the weight.
 """

@@ -193,7 +193,7 @@ def _set_link_weights(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tre
 
 @noinline
 def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats, dt: float) -> None:
-    """Relax all offsets by `dt` [s], set targets, anchors and limits of the links, whose recorded poses are (B, 7).
+    """Relax all offsets by `dt` [s], set targets, weights, anchors and limits of links, whose recorded poses are (B, 7).
 
     The anchor of a link is where its centre would be if its offset stayed that of the last frame: the straight line from there
     to the target is the path by the coupling, from which it may depart no farther than a limit.

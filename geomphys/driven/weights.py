@@ -40,7 +40,7 @@ class Weights(NamedTuple):
     least_translation: float = 3e-3  # m: as far as this it always is,
     most_translation: float = 0.03  # m: and no farther than this,
     translation_speed: float = 0.1  # m/s: nor faster than this,
-    grip_depth: float = 1e-3  # m: nor where fingers close on something by more than this
+    grip_depth: float = 2e-3  # m: nor where fingers close on something by more than this
 
 
 WEIGHTS = Weights()
