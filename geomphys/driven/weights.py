@@ -15,7 +15,7 @@ class Weights(NamedTuple):
     base: float = 20.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
     supported: float = 0.35  # times the second moments of all that it carries: of its rotation; more: it rotates less
     amplification: float = 1.5  # times the recorded depth: links of chains that are farther off than that weigh more;
-    excess: float = 0.06  # times it: twice as much where they are so much farther off
+    excess: float = 0.05  # times it: twice as much where they are so much farther off
     shape: float = 7.0  # times: weight of shape and rotation of a rigid tree
     smooth: float = (
         0.15  # of lever²: a joint's departure from its goal by the coupling; more: smoother, the hand moves more
