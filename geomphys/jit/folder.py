@@ -46,11 +46,8 @@ def store() -> Store:
 
 def _digest_of_sources() -> str:
     """Of the versions of numba and llvmlite, and of the sources that affect the code; cached while none of them changes."""
-    state, known, name = (
-        installed_state("numba", "llvmlite"),
-        Store(user_cache_folder("sources")),
-        PACKAGE.replace("/", "_"),
-    )
+    state, name = installed_state("numba", "llvmlite"), PACKAGE.replace("/", "_")
+    known = Store(user_cache_folder("sources"))
     found = known.load(name)
     if found is None or found[0] != state:
         from importlib.metadata import version

@@ -94,10 +94,8 @@ def write_strings(content: Bytes, begin: Ints, length: Ints, out: Bytes, at: Int
     for i in range(len(at)):
         row = i if len(begin) > 1 else 0
         first, size, k = begin[row], length[row], at[i]
-        target, source = (
-            out[k : k + size],
-            content[first : first + size],
-        )  # with indices from 0, many bytes are copied at once
+        # slices: with indices from 0, many bytes are copied at once
+        target, source = out[k : k + size], content[first : first + size]
         for j in range(len(target)):
             target[j] = source[j]
         at[i] = k + size

@@ -124,11 +124,9 @@ class StampTrack:
     def _with_steady(self, stamps: Ints, log_times: Ints) -> StampTrack:
         """A track as this one would be with such messages."""
         other = copy.copy(self)
-        other.offsets, other.max_stamp, other.max_log_time = (
-            self.offsets.copy(),
-            self.max_stamp.copy(),
-            self.max_log_time.copy(),
-        )
+        other.offsets = self.offsets.copy()
+        other.max_stamp = self.max_stamp.copy()
+        other.max_log_time = self.max_log_time.copy()
         other.add_steady(stamps, log_times)
         return other
 
