@@ -6,7 +6,7 @@ The log is streamed: a frame is made as soon as no later message can change it, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from geomphys.recording.routes import ChannelRoutes, RootRoute
 from geomphys.recording.routing import build_routing_table
 from geomphys.recording.stamp_monitor import StampMonitor
 from geomphys.recording.stamps import NEVER
+from geomphys.recording.streams import JointStream, PoseStream
 from geomphys.recording.transform_tree import normalized_frame_id, two_parents_message
 from geomphys.results import FLAG_BEFORE_FIRST, FLAG_CLAMPED, FLAG_HELD, FLAG_OUTSIDE_LIMITS, Frame
 
@@ -116,7 +117,7 @@ class LogPass:
         messages = self.source.reader.read(keys, file_order=self.source.file_order) if keys else iter(())
         for batch in ([raw] for raw in messages) if adder is None else batches(messages):
             if adder is not None and adder.add(batch, watermark):
-                yield from self._frames_until(watermark.time - self.lookahead)
+                yield from self._frames_until(watermark.time - self.lookahead, many=True)
                 continue
             for raw in batch:
                 self._process(raw, watermark)
@@ -125,14 +126,48 @@ class LogPass:
                     return
         if self.stamp_monitor is not None:
             self.stamp_monitor.finish()
-        yield from self._frames_until(2**63)
+        yield from self._frames_until(2**63, many=adder is not None)
 
-    def _frames_until(self, limit: int) -> Iterator[Frame]:
-        """The frames up to a time [ns] that were not made before."""
-        for time in self.clock.until(limit):
+    def _frames_until(self, limit: int, *, many: bool = False) -> Iterator[Frame]:
+        """The frames up to a time [ns] that were not made before; those at samples at once, if `many` may be made so."""
+        times: Iterable[int] = self.clock.until(limit)
+        if many and isinstance(self.clock, TopicClock):
+            times = [*times]
+            made = self._frames_at_samples(times)
+            yield from made
+            times = times[len(made) :]
+        for time in times:
             frame = self._frame(time)
             if frame is not None:
                 yield frame
+
+    def _frames_at_samples(self, times: Sequence[int]) -> list[Frame]:
+        """The frames at the first of these times [ns], as far as each stream has its next good sample there."""
+        joints = [(route.target, route.stream) for route in self.joints if route.stream is not None]
+        streams: list[PoseStream | JointStream] = [
+            *(root.stream for root in self.roots),
+            *(stream for _, stream in joints),
+        ]
+        count = min((stream.samples_at(times) for stream in streams), default=0)
+        if count == 0:
+            return []
+        times = times[:count]
+        roots, angles = (np.repeat(one[None], count, axis=0) for one in (self.default_roots, self.default_angles))
+        for root in self.roots:
+            roots[:, root.input.source.tree] = [*map(root.world_from_root, root.stream.take(count))]
+        for target, stream in joints:
+            angles[:, target] = stream.take(count)
+        first, extremes = self.count, np.stack([angles.min(axis=0), angles.max(axis=0)])
+        if (extremes[0] < self._least).any() or (extremes[1] > self._most).any():
+            flags = [*map(self._limits, angles)]
+        else:
+            flags = [max(map(self._limits, extremes))] * count
+        if self.first_time == NEVER:
+            self.first_time = times[0]
+        self.count += count
+        self.last_frame_time = self.last_time = times[-1]
+        self.tracks.discard_before(times[-1])
+        return [Frame(first + k, times[k], roots[k], angles[k], False, flags[k]) for k in range(count)]
 
     def _batch_adder(self) -> BatchAdder | None:
         """What adds many messages at once; None where a frame may depend on which came before it was made."""

@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,6 +102,12 @@ def interpolate_angles(a: Floats, b: Floats, w: Floats | float, wraps: NDArray[n
     return value
 
 
+def _count_equal(frames: Iterable[int], samples: Iterable[int], good: Iterable[bool]) -> int:
+    """How many of the frames' times are those of samples, from the first on, which are good."""
+    counted = zip(frames, samples, good, strict=False)
+    return sum(1 for _ in takewhile(lambda row: row[0] == row[1] and row[2], counted))
+
+
 class PoseStream:
     """Poses over time. Times are ns; `max_gap` ns."""
 
@@ -146,6 +154,16 @@ class PoseStream:
         """Add samples of increasing times, for the first of which it `goes_on`; all good."""
         self.times += times
         self.values += values
+
+    def samples_at(self, times: Sequence[int]) -> int:
+        """How many of the next frames, at times [ns], are each at the time of the next sample, a good one."""
+        return _count_equal(times, self.times, (value is not None for value in self.values))
+
+    def take(self, count: int) -> list[PoseTuple]:
+        """The values at so many frames, which `samples_at` counted."""
+        values = [value for value in self.values[:count] if value is not None]
+        self.advance(self.times[count - 1])
+        return values
 
     def _move_past(self, time: int, value: PoseTuple | None) -> None:
         """Move past a sample."""
@@ -271,6 +289,16 @@ class JointStream:
         self.rows.extend(rows)
         self.full += [True] * len(times)
         self.bad_masks += [None] * len(times)
+
+    def samples_at(self, times: Sequence[int]) -> int:
+        """How many of the next frames, at times [ns], are each at the time of the next sample, in which no joint is missing."""
+        return _count_equal(times, self.times, self.full)
+
+    def take(self, count: int) -> Floats:
+        """The values (count, m) at so many frames, which `samples_at` counted."""
+        rows = np.array(self.rows[:count])
+        self.advance(self.times[count - 1])
+        return rows
 
     def _merge(self, at: int, row: Floats, bad: NDArray[np.bool_] | None) -> None:
         """Merge a second sample of the same time: it only fills joints that the first lacks."""

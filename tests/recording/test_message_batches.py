@@ -15,14 +15,16 @@ from geomphys.config import Config
 from geomphys.errors import LogError
 from geomphys.recording import channels, log_pass, message_batches
 from geomphys.recording.frames import FrameSource
+from geomphys.scene.world import World
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, turned, write_log
 
 WORLD = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b", "c")))
+LIMITED = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b", "c"), limits=(-0.9, 0.8)))
 S = 10**9
 
 
-def steady(seconds: float = 8.0) -> list[Item]:
-    """A wrist at 60 Hz, and three joints at 50 Hz in another order than the scene's."""
+def steady(seconds: float = 8.0, joint_rate: int = 50) -> list[Item]:
+    """A wrist at 60 Hz, and three joints at 50 Hz in another order than the scene's; with 60 Hz at the wrist's stamps."""
     wrist = [
         pose("/wrist", 100 + k / 60, (math.sin(k / 60), 0.1, 0.2, *turned(k / 90)), stamp=90 * S + k * S // 60)
         for k in range(int(60 * seconds))
@@ -30,36 +32,44 @@ def steady(seconds: float = 8.0) -> list[Item]:
     glove = [
         joints(
             "/glove",
-            100.003 + k / 50,
+            100.003 + k / joint_rate,
             {n: math.sin(k / 9 + i) for i, n in enumerate("cab")},
-            stamp=90 * S + k * S // 50,
+            stamp=90 * S + k * S // joint_rate,
         )
-        for k in range(int(50 * seconds))
+        for k in range(int(joint_rate * seconds))
     ]
     return sorted([*wrist, *glove], key=lambda item: item.log_time)
 
 
-def found(path: Path, config: Config, monkeypatch: pytest.MonkeyPatch, *, batches: bool) -> tuple[object, int]:
-    """What a log gives: frames with all bits, report or error; and how many batches were added at once."""
-    added = [0]
-    add = message_batches.BatchAdder.add
+def found(
+    path: Path, config: Config, monkeypatch: pytest.MonkeyPatch, *, batches: bool, world: World = WORLD
+) -> tuple[object, int, int]:
+    """What a log gives: frames with all bits, report or error; how many batches were added, and frames made, at once."""
+    added, made = [0], [0]
+    add, frames_at_samples = message_batches.BatchAdder.add, log_pass.LogPass._frames_at_samples
 
     def counted(self, batch, watermark):
         done = batches and add(self, batch, watermark)
         added[0] += done
         return done
 
+    def made_at_once(self, times):
+        frames = frames_at_samples(self, times) if batches else []
+        made[0] += len(frames)
+        return frames
+
     with monkeypatch.context() as patch:
         patch.setattr(channels, "_cache", threading.local())  # readers that have learned no layout yet
         patch.setattr(log_pass.BatchAdder, "add", counted)
+        patch.setattr(log_pass.LogPass, "_frames_at_samples", made_at_once)
         frames = []
         try:
-            with FrameSource(path, WORLD, config) as source:
+            with FrameSource(path, world, config) as source:
                 for f in source:
                     frames.append((f.index, f.time_ns, f.roots.tobytes(), f.angles.tobytes(), f.held, f.flags))
-                return (frames, source.report), added[0]
+                return (frames, source.report), added[0], made[0]
         except LogError as error:
-            return (frames, str(error)), added[0]
+            return (frames, str(error)), added[0], made[0]
 
 
 def late(items: list[Item], k: int, chance: random.Random) -> None:
@@ -104,26 +114,35 @@ IRREGULAR: dict[str, Callable[[list[Item], int, random.Random], None]] = {
 
 
 @pytest.mark.parametrize("name", IRREGULAR)
-@pytest.mark.parametrize("rate", [None, 45.0])
+@pytest.mark.parametrize(
+    ("joint_rate", "world", "config"),
+    [
+        pytest.param(50, WORLD, Config(), id="interpolated"),
+        pytest.param(50, WORLD, Config(rate=45.0), id="rate"),
+        pytest.param(60, WORLD, Config(), id="at samples"),
+        pytest.param(60, LIMITED, Config(), id="outside limits"),
+        pytest.param(60, LIMITED, Config(clamp_limits=True), id="clamped"),
+    ],
+)
 def test_the_same_frames_and_report(
-    name: str, rate: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, joint_rate: int, world: World, config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chance = random.Random(name)
     for trial in range(4):
-        items = steady()
+        items = steady(joint_rate=joint_rate)
         for _ in range(trial):
             IRREGULAR[name](items, chance.randrange(len(items) - 60), chance)
         path = write_log(tmp_path / f"{trial}.mcap", items)
-        config = Config(rate=rate)
-        one_by_one, _ = found(path, config, monkeypatch, batches=False)
-        at_once, added = found(path, config, monkeypatch, batches=True)
+        one_by_one, *_ = found(path, config, monkeypatch, batches=False, world=world)
+        at_once, added, made = found(path, config, monkeypatch, batches=True, world=world)
         assert at_once == one_by_one
         assert added or trial, "of a steady recording most messages are added at once"
+        assert made > 400 or trial or joint_rate == 50, "frames at the stamps of all streams are made at once"
 
 
 def test_a_jump_to_another_clock_is_found_at_the_same_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     items = [replace(item, stamp=item.stamp + (k > 400) * 10**6 * S) for k, item in enumerate(steady())]
     path = write_log(tmp_path / "log.mcap", items)
-    one_by_one, _ = found(path, Config(), monkeypatch, batches=False)
+    one_by_one, *_ = found(path, Config(), monkeypatch, batches=False)
     assert "jump ahead by" in str(one_by_one)
     assert found(path, Config(), monkeypatch, batches=True)[0] == one_by_one
