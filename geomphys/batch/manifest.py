@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import time
 from dataclasses import dataclass, field
@@ -64,8 +63,8 @@ class Entry:
         )
 
 
-SAVING_SHARE = 0.05
-"""Share of its time that a batch may spend on saving its manifest."""
+SAVING_SHARE = 0.01
+"""Share of its time that a batch may spend on saving its manifest; what a killed one did since the last time is done again."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ class Manifest:
             entry = self.entries[out]
             saved = self._texts.get(out)
             if saved is None or saved[0] is not entry:
-                text = json.dumps(dataclasses.asdict(entry), indent=1, ensure_ascii=False).replace("\n", "\n  ")
+                text = json.dumps(vars(entry), indent=1, ensure_ascii=False).replace("\n", "\n  ")
                 saved = self._texts[out] = entry, text
             texts.append(saved[1])
         logs = "[\n  " + ",\n  ".join(texts) + "\n ]" if texts else "[]"
