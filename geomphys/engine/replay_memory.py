@@ -56,11 +56,11 @@ class ReplayMemory:
         return data, make_paper_workspace(world.scene, data.workspace, config)
 
     @cached_property
-    def _at_beginning(self) -> list[tuple[Bytes, Bytes]]:
-        """The memory of each array, and what it holds at the beginning; not of those that are the scene's."""
+    def _at_beginning(self) -> list[tuple[Bytes, Bytes | int]]:
+        """The memory of each array, and what it holds at the beginning, 0 if only zeros; not of those that are the scene's."""
         arrays, initial = _arrays((self.data, self.paper)), _arrays(self._make())
         found = {
-            (array.ctypes.data, array.nbytes): (_bytes_of(array), _bytes_of(value))
+            (array.ctypes.data, array.nbytes): (_bytes_of(array), content if (content := _bytes_of(value)).any() else 0)
             for array, value in zip(arrays, initial, strict=True)
             if array.ctypes.data != value.ctypes.data
         }

@@ -13,6 +13,7 @@ from geomphys.jit.kinds import Kind, named_tuple
 
 _FUNCTION = ctypes.PYFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # the lock of the interpreter is held
 _UNLOCKED = ctypes.CFUNCTYPE(None, ctypes.c_char_p, ctypes.c_void_p)  # other threads run meanwhile
+_BYTES = ctypes.c_char * 0
 _LETTERS: dict[str, str] = {"none": "", "float32": "d", "float64": "d", "uint64": "Q"}
 
 
@@ -57,9 +58,17 @@ def _format(kind: Kind) -> str:
     return "q"
 
 
+def _address(array: np.ndarray) -> int:
+    """The address of an array's first element."""
+    flags = array.flags
+    if flags.c_contiguous and flags.writeable:  # a quarter of the time that the attribute of the array takes
+        return ctypes.addressof(_BYTES.from_buffer(array))
+    return int(array.ctypes.data)
+
+
 def _add_words(words: list[Any], value: Any) -> None:
     if isinstance(value, np.ndarray):
-        words.append(value.ctypes.data)
+        words.append(_address(value))
         words.extend(value.shape)
         words.extend(value.strides)
     elif isinstance(value, tuple):

@@ -260,10 +260,24 @@ class McapWriter:
 def _packed(data: bytes, first: int, last: int, indices: dict[int, bytes]) -> tuple[Chunk, dict[int, bytes]]:
     """The record of a chunk of messages from a first to a last time [ns], and what follows it."""
     chunk = Chunk(
-        compression="zstd", data=zstandard.compress(data), message_start_time=first, message_end_time=last,
+        compression="zstd", data=_compressed(data), message_start_time=first, message_end_time=last,
         uncompressed_crc=zlib.crc32(data), uncompressed_size=len(data),
     )  # fmt: skip
     return chunk, indices
+
+
+_compressors: list[zstandard.ZstdCompressor] = []  # those at work on no chunk; with a new one it takes a fifth longer
+
+
+def _compressed(data: bytes) -> bytes:
+    """Data in one frame of zstd."""
+    try:
+        compressor = _compressors.pop()
+    except IndexError:
+        compressor = zstandard.ZstdCompressor()
+    compressed = compressor.compress(data)
+    _compressors.append(compressor)
+    return compressed
 
 
 def _encoded(record: Any) -> bytes:
