@@ -58,7 +58,7 @@ class MotionMeter:
             found = speeds if order == 1 else jerks
             if order in (1, ORDER) and positions.shape[2]:
                 rows = np.flatnonzero(gap_free[order:])
-                vectors = differences[rows]
+                vectors = differences if len(rows) == len(differences) else differences[rows]
                 found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))
             gap_free = gap_free & np.concatenate([[False] * order, valid[:-order]]) if len(times) > order else gap_free
         return speeds[history:], jerks[history:]

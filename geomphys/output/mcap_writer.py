@@ -219,17 +219,20 @@ class McapWriter:
         if not self._indices:
             return
         channels, times, offsets = map(np.concatenate, zip(*self._indices, strict=True))
-        data = b"".join(self._parts)
+        data = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
         first, last = int(times.min()), max(0, int(times.max()))
         self._span = (first, last) if self._span is None else (min(first, self._span[0]), max(last, self._span[1]))
+        by_channel = np.argsort(channels, kind="stable")
+        entries = np.empty(len(channels), _INDEX_ENTRY)
+        entries["time"], entries["offset"] = times[by_channel], offsets[by_channel]
+        counts = np.bincount(channels)
+        ends = np.cumsum(counts)
         indices: dict[int, bytes] = {}
         for channel in dict.fromkeys(channels.tolist()):
-            rows = channels == channel
-            entries = np.zeros(np.count_nonzero(rows), _INDEX_ENTRY)
-            entries["time"], entries["offset"] = times[rows], offsets[rows]
-            head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel, entries.nbytes)
-            indices[channel] = head + entries.tobytes()
-            self._counts[channel] = self._counts.get(channel, 0) + len(entries)
+            own = entries[ends[channel] - counts[channel] : ends[channel]].tobytes()
+            head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(own), channel, len(own))
+            indices[channel] = head + own
+            self._counts[channel] = self._counts.get(channel, 0) + int(counts[channel])
         self._write_packed()
         self._packed = OverlappedCall(lambda: _packed(data, first, last, indices), is_overlapped=self._overlaps)
         self._begin_chunk()
@@ -257,7 +260,7 @@ class McapWriter:
         )  # fmt: skip
 
 
-def _packed(data: bytes, first: int, last: int, indices: dict[int, bytes]) -> tuple[Chunk, dict[int, bytes]]:
+def _packed(data: bytes | memoryview, first: int, last: int, indices: dict[int, bytes]) -> tuple[Chunk, dict[int, bytes]]:
     """The record of a chunk of messages from a first to a last time [ns], and what follows it."""
     chunk = Chunk(
         compression="zstd", data=_compressed(data), message_start_time=first, message_end_time=last,
@@ -269,7 +272,7 @@ def _packed(data: bytes, first: int, last: int, indices: dict[int, bytes]) -> tu
 _compressors: list[zstandard.ZstdCompressor] = []  # those at work on no chunk; with a new one it takes a fifth longer
 
 
-def _compressed(data: bytes) -> bytes:
+def _compressed(data: bytes | memoryview) -> bytes:
     """Data in one frame of zstd."""
     try:
         compressor = _compressors.pop()
