@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -80,6 +80,10 @@ class Pipeline:
         self._meter = MotionMeter()
         self._grasps = GraspMeter(world)
         self._missed = MissedMotion(world.scene)
+        scene, moving = world.scene, self.blocks[0].moving
+        driven = scene.bodies.role[moving] == DRIVEN
+        self._driven = _rows_of(driven)
+        self._rigid = _rows_of(driven & (scene.trees.chains[scene.bodies.tree[moving]] == 0))  # of trees without chains
         self._overlaps = overlaps
         self._has_run = False
         self._at_work: OverlappedCall[int] | None = None
@@ -134,7 +138,7 @@ class Pipeline:
         first = frames[0].time_ns if self._last_ns is None else self._last_ns
         times = np.array([first, *(frame.time_ns for frame in frames)], dtype=np.int64)
         dts = np.diff(times).astype(np.float64) * 1e-9
-        roots, angles = np.stack([f.roots for f in frames]), np.stack([f.angles for f in frames])
+        roots, angles = _stacked([f.roots for f in frames]), _stacked([f.angles for f in frames])
         flags = np.array(self._missed.correct(frames, roots, angles, dts), np.int64)
         return self._begin(frames, roots, angles, dts, flags, decode_ns)
 
@@ -173,8 +177,7 @@ class Pipeline:
     def _measure_motion(self, frames: list[Frame], block: Block) -> MotionMeasures:
         """Motion in the frames that a block begins with."""
         count = len(frames)
-        driven = self.world.scene.bodies.role[block.moving] == DRIVEN
-        recorded, corrected = (poses[:count, driven, :3] for poses in (block.recorded, block.corrected))
+        recorded, corrected = (poses[:count, self._driven, :3] for poses in (block.recorded, block.corrected))
         times = np.array([frame.time_ns for frame in frames], dtype=np.int64)
         positions = np.stack([recorded, corrected - recorded], axis=1)
         speeds, jerks = (np.nan_to_num(rates, nan=0.0) for rates in self._meter.add(times, positions))
@@ -188,10 +191,7 @@ class Pipeline:
 
     def _shape_change(self, block: Block, count: int) -> Floats:
         """Largest rotation (n,) [rad] of a link of a driven tree without chains from its recorded orientation."""
-        scene = self.world.scene
-        bodies = block.moving[scene.trees.chains[scene.bodies.tree[block.moving]] == 0]
-        rows = np.isin(block.moving, bodies[scene.bodies.role[bodies] == DRIVEN])
-        recorded, corrected = (poses[:count, rows, 3:] for poses in (block.recorded, block.corrected))
+        recorded, corrected = (poses[:count, self._rigid, 3:] for poses in (block.recorded, block.corrected))
         chord = np.minimum(
             np.linalg.norm(corrected - recorded, axis=2), np.linalg.norm(corrected + recorded, axis=2)
         )  # q and -q are one rotation
@@ -211,3 +211,16 @@ class Pipeline:
         grasped, reported = self._grasps.messages(columns), self._reporter.messages(columns.metrics)
         rows = sorted(grasped.keys() | reported.keys())
         return replace(columns, messages={row: grasped.get(row, ()) + reported.get(row, ()) for row in rows})
+
+
+def _stacked(rows: Sequence[Floats]) -> Floats:
+    """Arrays (...) of one shape as one (n, ...); in half the time that `numpy.stack` takes."""
+    return np.concatenate(rows).reshape(len(rows), *rows[0].shape)
+
+
+def _rows_of(mask: NDArray[np.bool_]) -> slice | Ints:
+    """Where a mask is set; a slice where that is one stretch, so that nothing has to be copied."""
+    rows = np.flatnonzero(mask)
+    if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
