@@ -260,7 +260,9 @@ class McapWriter:
         )  # fmt: skip
 
 
-def _packed(data: bytes | memoryview, first: int, last: int, indices: dict[int, bytes]) -> tuple[Chunk, dict[int, bytes]]:
+def _packed(
+    data: bytes | memoryview, first: int, last: int, indices: dict[int, bytes]
+) -> tuple[Chunk, dict[int, bytes]]:
     """The record of a chunk of messages from a first to a last time [ns], and what follows it."""
     chunk = Chunk(
         compression="zstd", data=_compressed(data), message_start_time=first, message_end_time=last,

@@ -6,6 +6,7 @@ b_from_c)``. Composing with an identity rotation or zero offset leaves values un
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 PoseTuple = tuple[float, ...]
@@ -48,3 +49,23 @@ def invert(a_from_b: PoseTuple) -> PoseTuple:
     back = (-x, -y, -z, w)
     px, py, pz = rotate(back, a_from_b[:3])
     return (-px, -py, -pz, *back)
+
+
+def interpolate_poses(a: PoseTuple, b: PoseTuple, w: float) -> PoseTuple:
+    """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
+    position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
+    qa, qb = a[3:], b[3:]
+    if sum(p * q for p, q in zip(qa, qb, strict=True)) < 0:
+        qb = tuple(-q for q in qb)
+    if qa == qb:
+        return position + qa
+    apart = math.sqrt(sum((p - q) ** 2 for p, q in zip(qa, qb, strict=True)))
+    together = math.sqrt(sum((p + q) ** 2 for p, q in zip(qa, qb, strict=True)))
+    angle = 2 * math.atan2(apart, together)  # between the quaternions: half the rotation between them
+    if angle < 1e-6:
+        u, v = 1 - w, w
+    else:
+        u, v = math.sin((1 - w) * angle) / math.sin(angle), math.sin(w * angle) / math.sin(angle)
+    mixed = [u * p + v * q for p, q in zip(qa, qb, strict=True)]
+    norm = math.sqrt(sum(q * q for q in mixed))
+    return (*position, *(q / norm for q in mixed))

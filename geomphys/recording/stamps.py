@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
+from itertools import takewhile
 from typing import Any
 
 NEVER = -(2**62)
@@ -91,3 +93,9 @@ def _rfc_3339(text: str) -> int:
     apart = when - _EPOCH
     nanoseconds = int((fraction or "")[:9].ljust(9, "0"))
     return stamp_of(apart.days * 86400 + apart.seconds, nanoseconds)
+
+
+def count_equal(frames: Iterable[int], samples: Iterable[int], good: Iterable[bool]) -> int:
+    """How many of the frames' times are those of samples, from the first on, which are good."""
+    equal = (frame == sample and fine for frame, sample, fine in zip(frames, samples, good, strict=False))
+    return sum(takewhile(bool, equal))

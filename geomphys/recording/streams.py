@@ -20,15 +20,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterable, Sequence
-from itertools import takewhile
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.recording.pose_tuples import PoseTuple
-from geomphys.recording.stamps import NEVER
+from geomphys.recording.pose_tuples import PoseTuple, interpolate_poses
+from geomphys.recording.stamps import NEVER, count_equal
 
 Floats = NDArray[np.float64]
 
@@ -67,26 +66,6 @@ def validated_pose(value: PoseTuple) -> PoseTuple | None:
     return value if abs(norm - 1) <= UNIT_NORM_TOLERANCE else (x, y, z, a / norm, b / norm, c / norm, d / norm)
 
 
-def interpolate_poses(a: PoseTuple, b: PoseTuple, w: float) -> PoseTuple:
-    """Pose between a (w = 0) and b (w = 1): linear in position, slerp the short way round in rotation."""
-    position = tuple(p + w * (q - p) for p, q in zip(a[:3], b[:3], strict=True))
-    qa, qb = a[3:], b[3:]
-    if sum(p * q for p, q in zip(qa, qb, strict=True)) < 0:
-        qb = tuple(-q for q in qb)
-    if qa == qb:
-        return position + qa
-    apart = math.sqrt(sum((p - q) ** 2 for p, q in zip(qa, qb, strict=True)))
-    together = math.sqrt(sum((p + q) ** 2 for p, q in zip(qa, qb, strict=True)))
-    angle = 2 * math.atan2(apart, together)  # between the quaternions: half the rotation between them
-    if angle < 1e-6:
-        u, v = 1 - w, w
-    else:
-        u, v = math.sin((1 - w) * angle) / math.sin(angle), math.sin(w * angle) / math.sin(angle)
-    mixed = [u * p + v * q for p, q in zip(qa, qb, strict=True)]
-    norm = math.sqrt(sum(q * q for q in mixed))
-    return (*position, *(q / norm for q in mixed))
-
-
 def interpolate_angles(a: Floats, b: Floats, w: Floats | float, wraps: NDArray[np.bool_]) -> Floats:
     """Values between a (w = 0) and b (w = 1), (m,); where `wraps` is set by the short way round the circle.
 
@@ -100,12 +79,6 @@ def interpolate_angles(a: Floats, b: Floats, w: Floats | float, wraps: NDArray[n
         shortest = np.remainder(delta + np.pi, 2 * np.pi) - np.pi
         value = np.where(wrapped, np.where(np.less_equal(w, 0.5), a + w * shortest, b - (1 - w) * shortest), value)
     return value
-
-
-def _count_equal(frames: Iterable[int], samples: Iterable[int], good: Iterable[bool]) -> int:
-    """How many of the frames' times are those of samples, from the first on, which are good."""
-    counted = zip(frames, samples, good, strict=False)
-    return sum(1 for _ in takewhile(lambda row: row[0] == row[1] and row[2], counted))
 
 
 class PoseStream:
@@ -157,7 +130,7 @@ class PoseStream:
 
     def samples_at(self, times: Sequence[int]) -> int:
         """How many of the next frames, at times [ns], are each at the time of the next sample, a good one."""
-        return _count_equal(times, self.times, (value is not None for value in self.values))
+        return count_equal(times, self.times, (value is not None for value in self.values))
 
     def take(self, count: int) -> list[PoseTuple]:
         """The values at so many frames, which `samples_at` counted."""
@@ -292,7 +265,7 @@ class JointStream:
 
     def samples_at(self, times: Sequence[int]) -> int:
         """How many of the next frames, at times [ns], are each at the time of the next sample, in which no joint is missing."""
-        return _count_equal(times, self.times, self.full)
+        return count_equal(times, self.times, self.full)
 
     def take(self, count: int) -> Floats:
         """The values (count, m) at so many frames, which `samples_at` counted."""

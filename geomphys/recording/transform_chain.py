@@ -10,9 +10,9 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from geomphys.errors import LogError
-from geomphys.recording.pose_tuples import IDENTITY, PoseTuple, compose, invert
+from geomphys.recording.pose_tuples import IDENTITY, PoseTuple, compose, interpolate_poses, invert
 from geomphys.recording.recorded_space import RecordedSpace
-from geomphys.recording.streams import interpolate_poses, validated_pose
+from geomphys.recording.streams import validated_pose
 from geomphys.recording.transform_plan import TransformPlan
 from geomphys.recording.transform_tree import Edge
 
