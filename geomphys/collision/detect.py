@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch, Separation, separate, separation
 from geomphys.collision.support import shapes_of
-from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, piece_gap
+from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, squared_piece_gap
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
-from geomphys.numerics.vec3 import Vec, dot, rotate_back, sub
+from geomphys.numerics.vec3 import Vec, dot, rotate, rotate_back, sub
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Pieces, Scene
 from geomphys.scene.kinematics import frame_position, frame_rotation
 
@@ -64,10 +64,10 @@ class Near(NamedTuple):
 CACHED_AXIS = np.dtype(
     [
         ("pair", np.int64),  # its number, -1: none
-        ("direction", np.float64, 3),
+        ("direction", np.float64, 3),  # in the frame of its second piece
     ]
 )
-"""The separating direction of a pair of pieces, as last found."""
+"""The separating direction of a pair of pieces, as last found: it turns along with the second piece."""
 
 
 class Axes(NamedTuple):
@@ -108,18 +108,18 @@ def _slot_of(pieces: Pieces, a: int, b: int, axes: Axes) -> tuple[int, int]:
 
 
 @kernel
-def _recall(axes: Axes, key: int, slot: int) -> Vec:
-    """The direction cached for a pair; zeros without one."""
+def _recall(axes: Axes, key: int, slot: int, frames: Floats, b: int) -> Vec:
+    """The direction cached for a pair, whose second piece is b; zeros without one."""
     row = axes.rows[slot]
-    return vec_of(row.direction) if row.pair == key else (0.0, 0.0, 0.0)
+    return rotate(frame_rotation(frames, b), vec_of(row.direction)) if row.pair == key else (0.0, 0.0, 0.0)
 
 
 @kernel
-def _remember(axes: Axes, key: int, slot: int, n: Vec) -> None:
-    """Cache a pair's direction, in place of another pair's in its slot."""
+def _remember(axes: Axes, key: int, slot: int, frames: Floats, b: int, n: Vec) -> None:
+    """Cache the direction of a pair, whose second piece is b, in place of another pair's in its slot."""
     row = axes.rows[slot]
     row.pair = key
-    set_vec(row.direction, n)
+    set_vec(row.direction, rotate_back(frame_rotation(frames, b), n))
 
 
 @kernel
@@ -128,8 +128,8 @@ def pair_separation(
 ) -> tuple[float, Vec, Vec, Vec]:
     """`separation` of pieces a and b, started at the direction cached for the pair."""
     key, slot = _slot_of(pieces, a, b, axes)
-    s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot), scratch)
-    _remember(axes, key, slot, n)
+    s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot, frames, b), scratch)
+    _remember(axes, key, slot, frames, b, n)
     return s, n, pa, pb
 
 
@@ -142,8 +142,10 @@ def approximate_separation(
     Below 0 where they overlap, by how much is unknown.
     """
     key, slot = _slot_of(pieces, a, b, axes)
-    s, n, _, _ = separate(shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot), APPROXIMATE, scratch)
-    _remember(axes, key, slot, n)
+    s, n, _, _ = separate(
+        shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot, frames, b), APPROXIMATE, scratch
+    )
+    _remember(axes, key, slot, frames, b, n)
     return s, n
 
 
@@ -168,7 +170,7 @@ def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes)
     -inf and zeros without one.
     """
     key, slot = _slot_of(pieces, a, b, axes)
-    n = _recall(axes, key, slot)
+    n = _recall(axes, key, slot, frames, b)
     if n == (0.0, 0.0, 0.0):
         return -math.inf, n
     return gap_along(shapes_of(pieces, frames), a, b, n), n
@@ -231,14 +233,15 @@ def near_bodies(
         if apart(boxes.piece_low, boxes.piece_high, boxes.body_low, boxes.body_high, a, body_b, limit):
             continue
         for b in range(scene.bodies.piece_start[body_b], scene.bodies.piece_start[body_b + 1]):
-            bound = piece_gap(boxes, a, b)
-            if bound > limit:
+            square = squared_piece_gap(boxes, a, b)
+            if square > limit * limit:
                 continue
+            bound = math.sqrt(square)
             if bound > max(enough, BOXES_SUFFICE) or enough == -math.inf:
                 append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
                 continue
             key, slot = _slot_of(scene.pieces, a, b, axes)
-            if box_gap_along(boxes, frames, a, b, _recall(axes, key, slot)) > limit:
+            if box_gap_along(boxes, frames, a, b, _recall(axes, key, slot, frames, b)) > limit:
                 continue
             bound, along = separation_bound(scene.pieces, frames, a, b, axes)
             if bound > limit:
@@ -248,7 +251,7 @@ def near_bodies(
                 continue
             key, slot = _slot_of(scene.pieces, a, b, axes)
             found = separation(scene.pieces, frames, a, b, limit, NOWHERE, detection.scratch)
-            _remember(axes, key, slot, found[1])
+            _remember(axes, key, slot, frames, b, found[1])
             if found[0] <= limit:
                 append_pair(near, a, b, tree_a, tree_b, found)
 

@@ -6,7 +6,6 @@ floor, a wall), which would make every interval long, are listed separately and 
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -131,14 +130,13 @@ def apart(low_a: Floats, high_a: Floats, low_b: Floats, high_b: Floats, i: int, 
 
 
 @kernel
-def piece_gap(boxes: Boxes, a: int, b: int) -> float:
-    """Distance of the boxes of two pieces [m]; 0 where they overlap."""
+def squared_piece_gap(boxes: Boxes, a: int, b: int) -> float:
+    """Square of the distance of the boxes of two pieces [m²]; 0 where they overlap."""
     square = 0.0
     for k in range(3):
-        far = max(boxes.piece_low[a, k] - boxes.piece_high[b, k], boxes.piece_low[b, k] - boxes.piece_high[a, k])
-        if far > 0.0:
-            square += far * far
-    return math.sqrt(square)
+        far = max(boxes.piece_low[a, k] - boxes.piece_high[b, k], boxes.piece_low[b, k] - boxes.piece_high[a, k], 0.0)
+        square += far * far
+    return square
 
 
 @kernel

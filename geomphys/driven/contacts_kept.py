@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from geomphys.collision.detect import NOWHERE, Near, append_bound, measure_near
-from geomphys.collision.sweep import piece_gap, update_boxes
+from geomphys.collision.sweep import squared_piece_gap, update_boxes
 from geomphys.driven.constraints import add_term
 from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, joint_jacobian
@@ -109,7 +109,7 @@ def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
                 continue
             for a in range(first[body], first[body + 1]):
                 for b in range(first[other], first[other + 1]):
-                    gap = piece_gap(boxes, a, b)
+                    gap = math.sqrt(squared_piece_gap(boxes, a, b))
                     if gap > limit or _is_listed(ws, a, b):
                         continue
                     append_bound(near, a, b, tree, scene.bodies.tree[other], gap, NOWHERE)
