@@ -37,7 +37,7 @@ def _measure(scene: Scene, data: ReplayData, figures: Record) -> None:
     for tree in range(len(scene.trees.role)):
         update_boxes(scene, data.workspace.piece_frames.frames, data.detection.boxes, tree)
     measure_correction(scene, data, figures)
-    measure_motion(scene, data, figures)
+    measure_motion(scene, data, figures, False)
 
 
 class FingertipMeter:

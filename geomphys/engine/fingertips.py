@@ -33,6 +33,7 @@ class Fingertips(NamedTuple):
     is_thumb: Ints  # (F,)
     body_start: Ints  # (F + 1,) rows of `bodies`
     bodies: Ints  # (M,) bodies with pieces that are fixed to a fingertip, itself included
+    of_body: Ints  # (B,) row of the fingertip that a body is fixed to; -1: none
     recorded: TipContacts  # at the recorded poses
     corrected: TipContacts
     is_retained: Ints  # (F,) 1 for contacts that were recorded and are there
@@ -46,12 +47,16 @@ def make_fingertips(scene: Scene, links: Links, is_thumb: Ints | None = None) ->
     link = np.array([k for k, _ in found], np.int64)
     starts = np.cumsum([0, *(len(bodies) for _, bodies in found)]).astype(np.int64)
     bodies = np.concatenate([bodies for _, bodies in found]) if found else np.zeros(0)
+    of_body = np.full(len(scene.bodies.role), -1)
+    of_body[bodies.astype(np.int64)] = np.repeat(np.arange(len(link)), np.diff(starts))
     thumbs = np.zeros(len(link), np.int64) if is_thumb is None else is_thumb[link]
     recorded, corrected = (
         TipContacts(np.full(len(link), np.inf), np.zeros(len(link), np.int64), *np.zeros((2, len(link), 3)))
         for _ in range(2)
     )
-    return Fingertips(link, thumbs, starts, bodies.astype(np.int64), recorded, corrected, np.zeros(len(link), np.int64))
+    return Fingertips(
+        link, thumbs, starts, bodies.astype(np.int64), of_body, recorded, corrected, np.zeros(len(link), np.int64)
+    )
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,7 @@
 """Measures of motion quality of a frame: amplification of the correction, contacts and grasps kept, fingertip error.
 
-In a frame without correction only contacts are searched, by boxes and a margin of 2 mm.
+Contacts of fingertips are taken from the near pairs that the frame has measured anyway, as recorded and as corrected;
+others are searched, by boxes and a margin of 2 mm.
 """
 
 from __future__ import annotations
@@ -10,38 +11,80 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import measure_near, near_bodies
+from geomphys.collision.detect import Near, measure_near, near_bodies
 from geomphys.collision.sweep import bodies_apart, body_apart_from_tree, near_trees, update_boxes
+from geomphys.driven.contacts_kept import RECORDED_ON
 from geomphys.engine.fingertips import TipContacts
 from geomphys.engine.state import ReplayData
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec_at, vec_at
 from geomphys.numerics.vec3 import Vec, add, cross, dot, neg, norm, rotate, rotate_back, scale, sub
-from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.arrays import DRIVEN, FIXED, Scene
 from geomphys.scene.kinematics import frame_position, frame_rotation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-IN_CONTACT = 2e-3  # m: a fingertip recorded no farther from a body is in contact
+IN_CONTACT = RECORDED_ON  # m: a fingertip recorded no farther from a body is in contact
 RETAINED = 1e-3  # m: a contact is kept if the gap is no larger than this, or than as recorded
 ROUNDING = 1e-6  # m, by which a gap may be larger than the recorded one
 DEEP = 5e-4  # m: amplification is measured in frames recorded deeper than this
 
 
 @kernel
-def _find_contacts(scene: Scene, data: ReplayData, frames: Floats, contacts: TipContacts) -> int:
-    """Fill the contacts of fingertips with pieces at `frames` (P, 12), whose boxes are up to date; returns their number."""
-    near, tips, found = data.workspace.near, data.fingertips, data.detection.found
-    last_tree, others, count = -1, 0, 0
-    for i in range(len(tips.link)):
+def _take_nearer(contacts: TipContacts, i: int, gap: float, piece: int, point: Vec, n: Vec) -> None:
+    """Store the contact of fingertip i if it is nearer than the one stored before."""
+    if gap <= IN_CONTACT and gap < contacts.gap[i]:
+        contacts.gap[i], contacts.piece[i] = gap, piece
+        set_vec_at(contacts.point, i, point)
+        set_vec_at(contacts.normal, i, n)
+
+
+@noinline
+def take_contacts(scene: Scene, data: ReplayData, near: Near, contacts: TipContacts, only_fixed: bool) -> None:
+    """Contacts of fingertips with other trees, or with fixed ones alone, from the near pairs that are measured."""
+    tip_of, pieces = data.fingertips.of_body, scene.pieces
+    _clear_contacts(contacts)
+    for k in range(near.counts.filled):
+        a, b = near.a[k], near.b[k]
+        fixed = scene.bodies.role[pieces.body[b]] == FIXED
+        if near.exact[k] == 0 or near.tree_a[k] == near.tree_b[k] or (only_fixed and not fixed):
+            continue
+        s, n = near.separation[k], vec_at(near.normal, k)
+        if tip_of[pieces.body[a]] >= 0:
+            _take_nearer(contacts, tip_of[pieces.body[a]], s, b, vec_at(near.point_b, k), n)
+        if tip_of[pieces.body[b]] >= 0:
+            _take_nearer(contacts, tip_of[pieces.body[b]], s, a, vec_at(near.point_a, k), neg(n))
+
+
+@kernel
+def _clear_contacts(contacts: TipContacts) -> None:
+    """No fingertip is in contact."""
+    for i in range(len(contacts.gap)):
         contacts.gap[i] = math.inf
+
+
+@noinline
+def _search_contacts(
+    scene: Scene, data: ReplayData, frames: Floats, contacts: TipContacts, of_recorded: bool, but_fixed: bool
+) -> None:
+    """Search contacts of fingertips, with pieces at `frames` (P, 12), whose boxes are up to date.
+
+    `of_recorded`: only of fingertips that were recorded in contact and have none yet; `but_fixed`: not with fixed trees.
+    """
+    near, tips, found = data.workspace.near, data.fingertips, data.detection.found
+    last_tree, others = -1, 0
+    for i in range(len(tips.link)):
+        if of_recorded and (tips.recorded.gap[i] == math.inf or contacts.gap[i] < math.inf):
+            continue
         tree = scene.bodies.tree[tips.link[i]]
         if tree != last_tree:
             others, last_tree = near_trees(data.detection.boxes, tree, IN_CONTACT, found), tree
         near.counts.filled = 0
         for k in range(others):
+            if but_fixed and scene.trees.role[found[k]] == FIXED:
+                continue
             for j in range(tips.body_start[i], tips.body_start[i + 1]):
                 body, other = tips.bodies[j], found[k]
                 if body_apart_from_tree(data.detection.boxes, body, other, IN_CONTACT):
@@ -54,11 +97,25 @@ def _find_contacts(scene: Scene, data: ReplayData, frames: Floats, contacts: Tip
             if near.separation[k] > limit:
                 continue
             s = measure_near(scene.pieces, frames, k, limit, near, data.tip_detection.axes, data.detection.scratch)
-            if s <= IN_CONTACT and s < contacts.gap[i]:
-                contacts.gap[i], contacts.piece[i] = s, near.b[k]
-                set_vec_at(contacts.point, i, vec_at(near.point_b, k))
-                set_vec_at(contacts.normal, i, vec_at(near.normal, k))
-        count += int(contacts.gap[i] <= IN_CONTACT)
+            _take_nearer(contacts, i, s, near.b[k], vec_at(near.point_b, k), vec_at(near.normal, k))
+
+
+@kernel
+def _others_move(scene: Scene) -> bool:
+    """Whether there is a tree that is not fixed beside a driven one."""
+    driven, movable = 0, 0
+    for tree in range(len(scene.trees.role)):
+        driven += int(scene.trees.role[tree] == DRIVEN)
+        movable += int(scene.trees.role[tree] != FIXED)
+    return driven > 0 and movable > 1
+
+
+@kernel
+def _count_contacts(contacts: TipContacts) -> int:
+    """Number of fingertips in contact."""
+    count = 0
+    for i in range(len(contacts.gap)):
+        count += int(contacts.gap[i] < math.inf)
     return count
 
 
@@ -157,15 +214,22 @@ def _count_grasps(scene: Scene, data: ReplayData, is_retained: bool) -> int:
 
 
 @noinline
-def measure_motion(scene: Scene, data: ReplayData, figures: Record) -> None:
+def measure_motion(scene: Scene, data: ReplayData, figures: Record, are_taken: bool) -> None:
     """Measures of motion quality of a frame, once its final poses, their boxes and its correction are known.
 
-    Written to `figures` (FIGURES), the frame's record in the block.
+    Written to `figures` (FIGURES), the frame's record in the block. `are_taken`: `take_contacts` was called for the contacts
+    with fixed trees as recorded, and for all as corrected; else all are searched.
     """
     base, frames, tips = data.workspace.piece_frames.base, data.workspace.piece_frames.frames, data.fingertips
+    search_recorded = not are_taken or _others_move(scene)
+    if not are_taken:
+        _clear_contacts(tips.recorded)
+        _clear_contacts(tips.corrected)
     figures.amplification = figures.fingertip_error = figures.contact_precision = figures.contact_alignment = 0.0
     if figures.correction == 0.0 and figures.rotation == 0.0:
-        count = _find_contacts(scene, data, frames, tips.recorded)
+        if search_recorded:
+            _search_contacts(scene, data, frames, tips.recorded, False, are_taken)
+        count = _count_contacts(tips.recorded)
         figures.contacts_recorded = figures.contacts_kept = count
         figures.grasps_recorded = figures.grasps_kept = _count_grasps(scene, data, False) if count > 1 else 0
         return
@@ -174,13 +238,15 @@ def measure_motion(scene: Scene, data: ReplayData, figures: Record) -> None:
     if len(tips.link) == 0:
         figures.contacts_recorded = figures.contacts_kept = figures.grasps_recorded = figures.grasps_kept = 0
         return
-    _update_driven_boxes(scene, data, base)
-    count = _find_contacts(scene, data, base, tips.recorded)
-    _update_driven_boxes(scene, data, frames)
+    if search_recorded:
+        _update_driven_boxes(scene, data, base)
+        _search_contacts(scene, data, base, tips.recorded, False, are_taken)
+        _update_driven_boxes(scene, data, frames)
+    count = _count_contacts(tips.recorded)
     figures.contacts_recorded, figures.contacts_kept = count, 0
     figures.grasps_recorded = figures.grasps_kept = 0
     if count > 0:
-        _find_contacts(scene, data, frames, tips.corrected)
+        _search_contacts(scene, data, frames, tips.corrected, True, False)
         figures.contacts_kept = _compare_contacts(data, figures)
         figures.grasps_recorded, figures.grasps_kept = (
             _count_grasps(scene, data, False),

@@ -30,7 +30,7 @@ from geomphys.engine.coupled_step import (
 )
 from geomphys.engine.frame_buffer import Block, has_capacity, is_full, write_contacts, write_depths
 from geomphys.engine.methods import update_by_method
-from geomphys.engine.motion_measures import measure_motion
+from geomphys.engine.motion_measures import measure_motion, take_contacts
 from geomphys.engine.quarantine import contain_driven, keep_posture
 from geomphys.engine.state import ReplayData, StepParameters
 from geomphys.jit.kernel import kernel, noinline
@@ -91,6 +91,7 @@ def measure_recorded(scene: Scene, data: ReplayData) -> tuple[float, int]:
     find_near(scene, data.workspace.piece_frames.base, data.touching, 0.0, 0.0, near, data.detection)
     overlapping = global_depths(scene.pieces, near, data.depths)
     find_touches(scene, data.workspace, near)
+    take_contacts(scene, data, near, data.fingertips.recorded, True)
     deepest = 0.0
     for k in range(near.counts.filled):
         deep = -near.separation[k]
@@ -117,6 +118,7 @@ def find_contacts(
     of_driven = write_contacts(
         scene, piece_frames.frames, near, data.driven.offset, block, frame, data.detection.scratch
     )
+    take_contacts(scene, data, near, data.fingertips.corrected, False)
     deepest = of_driven
     if len(data.simulated.free) > 0:
         left = (
@@ -248,7 +250,7 @@ def step(
     if is_full(block, frame):
         data.workspace.near.counts.lost += 1
     measure_correction(scene, data, figures)
-    measure_motion(scene, data, figures)
+    measure_motion(scene, data, figures, True)
     t5 = cycles()
     for k in range(len(block.moving)):
         for i in range(7):
