@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.extent import gap_along
+from geomphys.collision.extent import extent, local_extent
 from geomphys.collision.penetration import Scratch, Separation, separate, separation
 from geomphys.collision.support import shapes_of
 from geomphys.collision.sweep import Boxes, apart, bodies_apart, body_apart_from_tree, near_trees, squared_piece_gap
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import Record
-from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at, vec_of
-from geomphys.numerics.vec3 import Vec, dot, rotate, rotate_back, sub
+from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_of
+from geomphys.numerics.vec3 import Vec, dot, neg, rotate, rotate_back
 from geomphys.scene.arrays import DRIVEN, SIMULATED, Pieces, Scene
 from geomphys.scene.kinematics import frame_position, frame_rotation
 
@@ -24,6 +24,7 @@ Ints = NDArray[np.int64]
 Records = NDArray[Any]
 
 NOWHERE = (0.0, 0.0, 0.0)  # witness points of a pair that is not measured
+UNKNOWN = -math.inf  # an extent
 APPROXIMATE = 0.9  # of the separation: where only a bound is needed
 BOXES_SUFFICE = 2e-3  # m: pairs whose boxes are farther apart are listed with that bound, without a direction
 
@@ -64,7 +65,8 @@ class Near(NamedTuple):
 CACHED_AXIS = np.dtype(
     [
         ("pair", np.int64),  # its number, -1: none
-        ("direction", np.float64, 3),  # in the frame of its second piece
+        ("direction", np.float64, 3),  # in the frame of its second piece, as is
+        ("extent", np.float64),  # m, that piece's along it; UNKNOWN until it is asked for
     ]
 )
 """The separating direction of a pair of pieces, as last found: it turns along with the second piece."""
@@ -118,7 +120,7 @@ def _recall(axes: Axes, key: int, slot: int, frames: Floats, b: int) -> Vec:
 def _remember(axes: Axes, key: int, slot: int, frames: Floats, b: int, n: Vec) -> None:
     """Cache the direction of a pair, whose second piece is b, in place of another pair's in its slot."""
     row = axes.rows[slot]
-    row.pair = key
+    row.pair, row.extent = key, UNKNOWN
     set_vec(row.direction, rotate_back(frame_rotation(frames, b), n))
 
 
@@ -126,9 +128,12 @@ def _remember(axes: Axes, key: int, slot: int, frames: Floats, b: int, n: Vec) -
 def pair_separation(
     pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axes: Axes, scratch: Scratch
 ) -> tuple[float, Vec, Vec, Vec]:
-    """`separation` of pieces a and b, started at the direction cached for the pair."""
+    """`separation` of pieces a and b, unless the direction cached for the pair separates them by more than `limit` [m]."""
+    bound, n = separation_bound(pieces, frames, a, b, axes)
+    if bound > limit:
+        return bound, n, NOWHERE, NOWHERE
     key, slot = _slot_of(pieces, a, b, axes)
-    s, n, pa, pb = separation(pieces, frames, a, b, limit, _recall(axes, key, slot, frames, b), scratch)
+    s, n, pa, pb = separation(pieces, frames, a, b, limit, NOWHERE, scratch)
     _remember(axes, key, slot, frames, b, n)
     return s, n, pa, pb
 
@@ -170,21 +175,13 @@ def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes)
     -inf and zeros without one.
     """
     key, slot = _slot_of(pieces, a, b, axes)
+    row, shapes = axes.rows[slot], shapes_of(pieces, frames)
     n = _recall(axes, key, slot, frames, b)
-    if n == (0.0, 0.0, 0.0):
+    if n == NOWHERE:
         return -math.inf, n
-    return gap_along(shapes_of(pieces, frames), a, b, n), n
-
-
-@kernel
-def box_gap_along(boxes: Boxes, frames: Floats, a: int, b: int, n: Vec) -> float:
-    """How far apart the boxes of two pieces, in the pieces' own frames, are along a direction [m]: no more than the pieces."""
-    gap = dot(n, sub(frame_position(frames, a), frame_position(frames, b)))
-    for side in range(2):
-        i, sign = (a, 1.0) if side == 0 else (b, -1.0)
-        d, h = rotate_back(frame_rotation(frames, i), n), vec_at(boxes.local_half, i)
-        gap += sign * dot(d, vec_at(boxes.local_centre, i)) - abs(d[0]) * h[0] - abs(d[1]) * h[1] - abs(d[2]) * h[2]
-    return gap
+    if row.extent == UNKNOWN:
+        row.extent = local_extent(shapes, b, vec_of(row.direction))
+    return -extent(shapes, a, neg(n)) - dot(n, frame_position(frames, b)) - row.extent, n
 
 
 @kernel
@@ -239,9 +236,6 @@ def near_bodies(
             bound = math.sqrt(square)
             if bound > max(enough, BOXES_SUFFICE) or enough == -math.inf:
                 append_bound(near, a, b, tree_a, tree_b, bound, NOWHERE)
-                continue
-            key, slot = _slot_of(scene.pieces, a, b, axes)
-            if box_gap_along(boxes, frames, a, b, _recall(axes, key, slot, frames, b)) > limit:
                 continue
             bound, along = separation_bound(scene.pieces, frames, a, b, axes)
             if bound > limit:

@@ -8,11 +8,15 @@ from geomphys.numerics.vec3 import Vec, dot, neg, rotate_back
 
 
 @kernel
+def local_extent(shapes: Shapes, piece: int, d: Vec) -> float:
+    """Largest d·x over the points x of a piece in its own frame [m]; d is a unit vector."""
+    return dot(d, support(core_of(shapes, piece), d)) + radius_of(shapes, piece)
+
+
+@kernel
 def extent(shapes: Shapes, piece: int, n: Vec) -> float:
     """Largest n·x over the points x of a piece where its frame puts it [m]; n is a unit vector, world frame."""
-    d = rotate_back(rotation_of(shapes, piece), n)
-    x = support(core_of(shapes, piece), d)
-    return dot(n, position_of(shapes, piece)) + dot(d, x) + radius_of(shapes, piece)
+    return dot(n, position_of(shapes, piece)) + local_extent(shapes, piece, rotate_back(rotation_of(shapes, piece), n))
 
 
 @kernel

@@ -130,10 +130,10 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
     centre_a, centre_b = vec_at(shapes.pieces.centre, a), vec_at(shapes.pieces.centre, b)
-    start = _between_boxes(core_a, core_b, rot, sub(sub(centre_a, t), rotate(rot, centre_b)))
-    if is_known and share < 1.0:
-        start = d
-    elif dot(start, start) == 0.0:
+    start = d
+    if not is_known or share == 1.0:
+        start = _between_boxes(core_a, core_b, rot, sub(sub(centre_a, t), rotate(rot, centre_b)))
+    if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
     state, s, n, p, count = closest(core_a, core_b, rot, t, size, Goal(limit, radius, share), start, scratch.simplex)

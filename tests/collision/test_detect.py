@@ -15,16 +15,16 @@ from geomphys.collision.detect import (
     Detection,
     append_bound,
     append_pair,
-    box_gap_along,
     find_near,
     find_overlaps_with_simulated,
     make_axes,
     make_near,
     measure_near,
+    pair_separation,
+    separation_bound,
 )
-from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import make_scratch
-from geomphys.collision.support import Shapes, pose_pieces
+from geomphys.collision.support import pose_pieces
 from geomphys.collision.sweep import make_boxes, update_boxes
 from geomphys.engine.state import make_replay_data
 from geomphys.engine.step import measure_recorded, pose_recording
@@ -170,24 +170,31 @@ def test_a_pair_beyond_the_table_is_counted_and_changes_none_that_is_in_it() -> 
 
 
 @pytest.mark.parametrize(
-    ("shape", "exact"),
+    "shape",
     [
-        (Box((0.1, 0.2, 0.3)), True),
-        (Capsule(0.02, 0.1), False),
-        (Cylinder(0.1, 0.05), False),
-        (Hull(np.array([(0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.15), (-0.1, -0.1, -0.1)])), False),
+        Box((0.1, 0.2, 0.3)),
+        Capsule(0.02, 0.1),
+        Cylinder(0.1, 0.05),
+        Hull(np.array([(0.1, 0, 0), (0, 0.2, 0), (0, 0, 0.15), (-0.1, -0.1, -0.1)])),
     ],
 )
-def test_boxes_of_pieces_are_never_farther_apart_along_a_direction_than_the_pieces(shape: Shape, exact: bool) -> None:
+def test_a_remembered_direction_turns_with_the_pair_and_bounds_its_separation(shape: Shape) -> None:
     turns = Rotation.random(2, random_state=3).as_quat()
-    scene = make_scene([Thing(shape=shape, at=(0.3 * k, -0.2 * k, 0.1), turn=turns[k]) for k in range(2)])
-    frames = np.zeros((2, 12))
-    pose_pieces(pack(scene.pieces), scene.trees.rest, frames)
-    shapes, boxes = Shapes(pack(scene.pieces), frames), pack(make_boxes(scene, frames))
-    for n in Rotation.random(50, random_state=1).apply([0.0, 0.0, 1.0]):
-        gap = gap_along(shapes, 0, 1, tuple(n))
-        found = box_gap_along(boxes, frames, 0, 1, tuple(n))
-        assert found == pytest.approx(gap, abs=1e-12) if exact else found <= gap + 1e-12
+    scene = make_scene([Thing(shape=shape, at=(0.8 * k, -0.2 * k, 0.1), turn=turns[k]) for k in range(2)])
+    pieces, axes, scratch, frames = pack(scene.pieces), pack(make_axes(64)), pack(make_scratch()), np.zeros((2, 12))
+    pose_pieces(pieces, scene.trees.rest, frames)
+    assert separation_bound(pieces, frames, 0, 1, axes)[0] == -math.inf
+    s, n, _, _ = pair_separation(pieces, frames, 0, 1, math.inf, axes, scratch)
+    for turn in Rotation.random(20, random_state=1):
+        turned = np.hstack(
+            [(turn.as_matrix() @ frames[:, :9].reshape(2, 3, 3)).reshape(2, 9), turn.apply(frames[:, 9:])]
+        )
+        bound, along = separation_bound(pieces, turned, 0, 1, axes)
+        assert bound == pytest.approx(s, abs=1e-9)
+        assert along == pytest.approx(turn.apply(n), abs=1e-12)
+        turned[0, 9:] += (0.05, -0.03, 0.08)
+        bound, _ = separation_bound(pieces, turned, 0, 1, axes)
+        assert 0.0 < bound <= pair_separation(pieces, turned, 0, 1, math.inf, pack(make_axes(64)), scratch)[0] + 1e-12
 
 
 def test_overlaps_with_simulated_bodies_are_of_these_alone() -> None:
