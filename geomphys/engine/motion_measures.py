@@ -146,9 +146,9 @@ def largest_offset(scene: Scene, data: ReplayData) -> float:
             continue
         centre, half = vec_at(data.detection.boxes.local_centre, i), vec_at(data.detection.boxes.local_half, i)
         for side in ((half[0], 0.0, 0.0), (0.0, half[1], 0.0), (0.0, 0.0, half[2])):
-            largest = max(largest, norm(_offset(base, frames, i, add(centre, side))))
-            largest = max(largest, norm(_offset(base, frames, i, add(centre, neg(side)))))
-    return largest
+            one, other = _offset(base, frames, i, add(centre, side)), _offset(base, frames, i, sub(centre, side))
+            largest = max(largest, dot(one, one), dot(other, other))
+    return math.sqrt(largest)
 
 
 @kernel
