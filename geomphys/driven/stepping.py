@@ -35,6 +35,7 @@ from geomphys.numerics.vec3 import (
     quat_rotate,
     quat_unit,
     rot_from_quat,
+    rot_sub,
     rotate,
     scale,
     sub,
@@ -150,10 +151,12 @@ def measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, trave
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         rotation = rotation_between(before, after, body)
         path = sub(position_of(after, body), position_of(before, body))
-        r0, r1 = rot_from_quat(orientation_of(before, body)), rot_from_quat(orientation_of(after, body))
+        rotation_change = rot_sub(
+            rot_from_quat(orientation_of(after, body)), rot_from_quat(orientation_of(before, body))
+        )
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
             centre = vec_at(scene.pieces.body_centre, i)
-            translation = add(path, sub(rotate(r1, centre), rotate(r0, centre))) if rotation > 0.0 else path
+            translation = add(path, rotate(rotation_change, centre)) if rotation > 0.0 else path
             set_vec(travel[i].translation, translation)
             travel[i].rotation = rotation * scene.pieces.reach[i]
             far = max(far, norm(translation) + travel[i].rotation)

@@ -105,6 +105,22 @@ def rotate_back(r: Rot, v: Vec) -> Vec:
 
 
 @kernel
+def rot_sub(a: Rot, b: Rot) -> Rot:
+    """Difference of two matrices: a - b."""
+    return (
+        a[0] - b[0],
+        a[1] - b[1],
+        a[2] - b[2],
+        a[3] - b[3],
+        a[4] - b[4],
+        a[5] - b[5],
+        a[6] - b[6],
+        a[7] - b[7],
+        a[8] - b[8],
+    )
+
+
+@kernel
 def rot_mul(a: Rot, b: Rot) -> Rot:
     """Product A B of two rotations."""
     return (
