@@ -108,13 +108,14 @@ def _attached_direction(before: Floats, after: Floats, body: int, fraction: floa
 
 
 @kernel
-def _curvature(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> float:
+def _curvature(
+    scene: Scene, before: Floats, a: int, b: int, motion: float, swing: float, angle_a: float, angle_b: float
+) -> float:
     """Bound on the second derivative, over the fraction of the path, of a gap along a direction attached to the piece that
     rotates most [m].
+
+    `motion`, `swing` [m]: see `pair_motion`; `angle_a`, `angle_b` [rad]: see `rotation_between`.
     """
-    motion, swing = pair_motion(scene, before, after, a, b)
-    angle_a = rotation_between(before, after, scene.pieces.body[a])
-    angle_b = rotation_between(before, after, scene.pieces.body[b])
     larger, apart = max(angle_a, angle_b), norm(sub(_centre(scene, before, a), _centre(scene, before, b)))
     return (angle_a + angle_b) * swing + larger * (larger * apart + 2.0 * (motion - swing))
 
@@ -134,7 +135,8 @@ def is_separated_on_path(
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     deep, bulge = path_tolerance(scene, a, b), 0.0
     if (angle_a + angle_b) * motion > deep:
-        bulge = _curvature(scene, before, after, a, b) / 8.0
+        most, swing = pair_motion(scene, before, after, a, b)
+        bulge = _curvature(scene, before, a, b, most, swing, angle_a, angle_b) / 8.0
         if bulge > 0.5 * deep + max(gap, 0.0):
             return False
         reference = body_a if angle_a > angle_b else body_b
@@ -152,14 +154,14 @@ def path_is_free(
 
     `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not checked.
     """
-    motion, _ = pair_motion(scene, before, after, a, b)
+    motion, swing = pair_motion(scene, before, after, a, b)
     if motion == 0.0:
         return True
     deep = path_tolerance(scene, a, b)
     body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     reference = body_a if angle_a > angle_b else body_b
-    curvature = _curvature(scene, before, after, a, b)
+    curvature = _curvature(scene, before, a, b, motion, swing, angle_a, angle_b)
     t, moved_by = 0.0, 1.0
     for _ in range(MAX_ADVANCEMENTS):
         _pose_between(scene, before, after, a, t, frames)

@@ -165,14 +165,17 @@ def _measure_travels(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> tup
 @noinline
 def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough: float) -> tuple[bool, float]:
     """`measure_near_pairs` at the posed iterate from the listed pairs: (whether the list is complete, least separation)."""
-    work, listed, near, least = ws.work, ws.listed, ws.near, math.inf
+    work, listed, near, least, farthest = ws.work, ws.listed, ws.near, math.inf, 0.0
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
             far = measure_travel(scene, work.goal.poses, work.iterate.poses, tree, work.from_goal)
+            farthest = max(farthest, far)
             if far + reach > work.covered[tree]:
                 return False, least
     near.counts.filled = 0
     for k in range(listed.counts.filled):
+        if listed.separation[k] > 2.0 * (farthest + reach):
+            continue
         a, b, limit = listed.a[k], listed.b[k], 0.0
         for tree in (listed.tree_a[k], listed.tree_b[k]):
             limit += reach if work.mobility[tree] != LOCKED else 0.0
@@ -194,14 +197,14 @@ def measure_listed_pairs(scene: Scene, ws: DrivenWorkspace, reach: float, enough
 
 
 @noinline
-def _judge_pair(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int) -> int:
-    """FREE, IN_COLLISION or UNCERTIFIED: listed pair k at a posture, as in `judge`."""
+def _judge_pair(scene: Scene, ws: DrivenWorkspace, posture: Posture, k: int, motion: float, from_goal: float) -> int:
+    """FREE, IN_COLLISION or UNCERTIFIED: listed pair k at a posture, as in `judge`.
+
+    `motion`, `from_goal` [m]: how far its pieces move to there, from the start of the step and from the goal.
+    """
     work, listed, p = ws.work, ws.listed, ws.piece_frames
     a, b = listed.a[k], listed.b[k]
     if work.mobility[listed.tree_a[k]] == LOCKED and work.mobility[listed.tree_b[k]] == LOCKED:
-        return FREE
-    motion, from_goal = pair_travel(work.travel, a, b), pair_travel(work.from_goal, a, b)
-    if listed.separation[k] - from_goal > motion:
         return FREE
     s, n = separation_bound(scene.pieces, p.frames, a, b, ws.detection.axes)
     if s < 0.0:
@@ -226,14 +229,19 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture, enough: f
 
     The pair by which the last posture was found not to be free is tried first.
     """
-    listed, counts = ws.listed, ws.work.counts
+    listed, work, witness = ws.listed, ws.work, ws.work.counts.witness
     for i in range(-1, listed.counts.filled):
-        k = i if i >= 0 else counts.witness
-        if k < listed.counts.filled and listed.separation[k] <= enough:
-            verdict = _judge_pair(scene, ws, posture, k)
-            if verdict != FREE:
-                counts.witness = k
-                return verdict
+        k = i if i >= 0 else witness
+        if i == witness or k >= listed.counts.filled or listed.separation[k] > enough:
+            continue
+        motion = pair_travel(work.travel, listed.a[k], listed.b[k])
+        from_goal = pair_travel(work.from_goal, listed.a[k], listed.b[k])
+        if listed.separation[k] - from_goal > motion:
+            continue
+        verdict = _judge_pair(scene, ws, posture, k, motion, from_goal)
+        if verdict != FREE:
+            work.counts.witness = k
+            return verdict
     return FREE
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import pivot_of, tree_cost
 from geomphys.driven.postures import Posture
-from geomphys.driven.reachability import FREE, IN_COLLISION, find_reference_bodies, judge, measure_swept_pairs
+from geomphys.driven.reachability import FREE, find_reference_bodies, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
@@ -150,18 +150,17 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
     work, best, chosen = ws.work, math.inf, -1
     for i in range(len(work.reference_bodies)):
         work.reference_bodies[i] = -1
-    for kind in range(ALONG + len(work.reference_bodies)):
+    kinds = ALONG + len(work.reference_bodies)
+    for i in range(kinds + 1):
+        kind = i if i < kinds else LAST  # judged at the end: mostly one along with a body is better
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
         cost = _cost(scene, ws, work.start)
-        if kind == LAST and cost > CLEARLY * best:  # nor is one along with a body much better then
-            break
-        if cost >= best and kind != LAST:
-            continue
-        verdict = judge(scene, ws, work.start) if cost < best else IN_COLLISION
-        if kind == LAST:
+        if i == LAST:
+            if cost > CLEARLY * best:  # nor is one along with a body much better then
+                break
             find_reference_bodies(scene, ws, work.start)
-        if verdict == FREE:
+        elif cost < best and judge(scene, ws, work.start) == FREE:
             best, chosen = cost, kind
             copy_unlocked(scene, ws, work.start, work.iterate)
     return chosen
