@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 FIT_ITERATIONS = 8
 FIT_RADIUS = 0.1  # m
-FITTED = 1e-8  # m
+FITTED = 1e-7  # m
 
 
 @noinline

@@ -175,9 +175,9 @@ def _attempt(
         pose_unlocked(scene, ws, work.iterate)
         if judge(scene, ws, work.iterate) != FREE:
             return Found(False, iterations, False, False)
-    if chosen >= ALONG:
+    if chosen == ALONG:
         shorten_start(scene, state, ws, roots, angles)
-    found = _search_straight(scene, ws, angles, gap, chosen >= ALONG)
+    found = _search_straight(scene, ws, angles, gap, chosen == ALONG)
     return Found(found.free, found.iterations + iterations, found.converged, found.rate_limited)
 
 

@@ -280,21 +280,15 @@ def _reference_separation(scene: Scene, ws: DrivenWorkspace, k: int, limit: floa
 
 
 @noinline
-def find_reference_bodies(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """The nearest bodies that the recording moves, of the listed pairs at a posture whose pieces are posed."""
+def find_reference_body(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
+    """The nearest body that the recording moves, of the listed pairs at a posture whose pieces are posed; -1: none."""
     _measure_travels(scene, ws, posture)
-    listed, reference_bodies = ws.listed, ws.work.reference_bodies
-    for i in range(len(reference_bodies)):
-        reference_bodies[i] = -1
-    for i in range(len(reference_bodies)):
-        least = math.inf
-        for k in range(listed.counts.filled):
-            body = scene.pieces.body[listed.b[k]]
-            if scene.bodies.role[body] == DRIVEN or _distance(ws.work.travel, listed.b[k]) == 0.0:
-                continue
-            known = False
-            for j in range(i):
-                known = known or reference_bodies[j] == body
-            s = math.inf if known else _reference_separation(scene, ws, k, least)
-            if s < least:
-                least, reference_bodies[i] = s, body
+    least, nearest = math.inf, -1
+    for k in range(ws.listed.counts.filled):
+        body = scene.pieces.body[ws.listed.b[k]]
+        if scene.bodies.role[body] == DRIVEN or _distance(ws.work.travel, ws.listed.b[k]) == 0.0:
+            continue
+        s = _reference_separation(scene, ws, k, least)
+        if s < least:
+            least, nearest = s, body
+    return nearest

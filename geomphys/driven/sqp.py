@@ -71,7 +71,7 @@ ROUNDS = 12  # rounds of added rows in an iteration
 CONVERGED_MOTION = 2e-6  # m: an iteration with less motion ends the search
 CONVERGED_TRANSLATION = 1e-8  # m: the same where trees are only translated
 NEARLY_CONVERGED_MOTION = 5e-5  # m: the same for an extrapolated step or
-SETTLED = 4  # after so many iterations, unless trees are only translated
+SETTLED = 3  # after so many iterations, unless trees are only translated
 REVERSED = -0.3  # cosine of a step and the last one: it goes back
 EXTRAPOLATED_MOTION = 5e-4  # m: where a step was shorter, the next one may be extrapolated, if
 ALIGNED = 0.95  # the cosine of their angle and
@@ -314,9 +314,8 @@ def search(
         if listed >= limit and (listed_touches >= ATTRACTION_DISTANCE or not attracted):
             least = update_separations(scene, ws, limit, CONTACT_DISTANCE)
         else:
-            listed, known, least = limit + MARGIN, False, 0.0
-            if iteration == 0:
-                known, least = measure_listed_pairs(scene, ws, listed, CONTACT_DISTANCE)
+            listed = limit + MARGIN
+            known, least = measure_listed_pairs(scene, ws, listed, CONTACT_DISTANCE)
             if not known:
                 least = measure_near_pairs(scene, ws, listed, CONTACT_DISTANCE)
             if attracted:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geomphys.driven.objective import pivot_of, tree_cost
 from geomphys.driven.postures import Posture
-from geomphys.driven.reachability import FREE, find_reference_bodies, judge, measure_swept_pairs
+from geomphys.driven.reachability import FREE, find_reference_body, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
@@ -38,7 +38,7 @@ BISECTIONS = 6
 CLEARLY = 10.0  # times: a start with so much less cost than the last posture is taken at once
 JUMP = 0.5  # rad or m: an angle recorded to change more in a step has changed its branch
 
-# kinds of starts; ALONG + i: along with the i-th moving body near it
+# kinds of starts; ALONG: along with the nearest body that the recording moves
 EXTRAPOLATED, LAST_SHAPE, LAST, ALONG = 0, 1, 2, 3
 
 
@@ -100,11 +100,11 @@ def _make_start(
         set_pose(start.roots, tree, p, q)
     else:
         set_pose(start.roots, tree, position_of(before.roots, tree), orientation_of(before.roots, tree))
-    if kind < ALONG:
+    if kind != ALONG:
         return bool(
             kind != LAST_SHAPE or (general_motion and scene.trees.dof_start[tree + 1] > scene.trees.dof_start[tree])
         )
-    body = work.reference_bodies[kind - ALONG]
+    body = work.counts.reference_body
     if body < 0:
         return False
     rotation = quat_mul(orientation_of(start.poses, body), quat_conjugate(orientation_of(before.poses, body)))
@@ -148,18 +148,16 @@ def _pose_start(
 def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> int:
     """The free and certified start nearest to the targets, into `SearchWorkspace.iterate`; returns its kind, -1: none."""
     work, best, chosen = ws.work, math.inf, -1
-    for i in range(len(work.reference_bodies)):
-        work.reference_bodies[i] = -1
-    kinds = ALONG + len(work.reference_bodies)
-    for i in range(kinds + 1):
-        kind = i if i < kinds else LAST  # judged at the end: mostly one along with a body is better
+    work.counts.reference_body = -1
+    for i in range(ALONG + 2):
+        kind = i if i <= ALONG else LAST  # judged at the end: mostly that along with a body is better
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
         cost = _cost(scene, ws, work.start)
         if i == LAST:
-            if cost > CLEARLY * best:  # nor is one along with a body much better then
+            if cost > CLEARLY * best:  # nor is that along with a body much better then
                 break
-            find_reference_bodies(scene, ws, work.start)
+            work.counts.reference_body = find_reference_body(scene, ws, work.start)
         elif cost < best and judge(scene, ws, work.start) == FREE:
             best, chosen = cost, kind
             copy_unlocked(scene, ws, work.start, work.iterate)
@@ -170,7 +168,7 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
 def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
     """The start of least overlap, into `SearchWorkspace.iterate`; `choose_start` must have been called before."""
     shallowest = -math.inf
-    for kind in range(ALONG + len(ws.work.reference_bodies)):
+    for kind in range(ALONG + 1):
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
         least = measure_swept_pairs(scene, ws, ws.work.start)

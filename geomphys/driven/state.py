@@ -21,7 +21,6 @@ Ints = NDArray[np.int64]
 
 ROWS = 1024  # most rows of a quadratic problem
 SPOTS = 512  # contact spots cached in a search
-REFERENCE_BODIES = 3  # bodies that a tree may be moved along with
 
 # rows of near pairs (DrivenWorkspace.row_state)
 NO_ROW, REQUESTED, HAS_ROW = 0, 1, 2
@@ -49,6 +48,7 @@ SEARCH_COUNTS = np.dtype(
         ("touches", np.int64),  # rows of `touches` that are filled
         ("touch_pairs", np.int64),  # and of `touch_pairs`
         ("witness", np.int64),  # the listed pair by which a posture was last found not to be free, to be tried first
+        ("reference_body", np.int64),  # the nearest body that the recording moves; -1: none
         ("next_spot", np.int64),  # row of `spots` to fill next
         ("overlap_a", np.int64),  # pieces of the pair that overlapped most at the goals when some were last not free
         ("overlap_b", np.int64),
@@ -203,7 +203,6 @@ class SearchWorkspace(NamedTuple):
     grips: Ints  # (T,) 1: a rigid tree that closes on something
     unit: Floats  # (Q,) ones
     iterations: int  # bound on the iterations of a search
-    reference_bodies: Ints  # (n,) near bodies that the recording moves
     ignored: Ints  # (T,) 1: trees that others need not avoid
 
 
@@ -304,7 +303,6 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         grips=np.zeros(trees, np.int64),
         unit=np.ones(dofs),
         iterations=iterations,
-        reference_bodies=np.full(REFERENCE_BODIES, -1),
         ignored=np.zeros(trees, np.int64),
     )
 
