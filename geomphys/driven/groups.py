@@ -15,7 +15,7 @@ from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, copy_tree, is_recorded
 from geomphys.driven.reachability import FREE, clear_pairs, judge, list_pairs, measure_drift, measure_swept_pairs
 from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
-from geomphys.driven.starts import ALONG, choose_shallowest, choose_start, shorten_start
+from geomphys.driven.starts import choose_shallowest, choose_start
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, STARTED_FREE, TRANSLATION, DrivenState, DrivenWorkspace
 from geomphys.driven.stepping import copy_unlocked, pose_unlocked
 from geomphys.jit.kernel import kernel, noinline
@@ -137,7 +137,7 @@ def is_translated_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace,
 
 
 @noinline
-def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, tethered: bool) -> Found:
+def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
     """Search from the free start in `SearchWorkspace.iterate`; its result must be reachable straight from the start of the step.
 
     Only where that fails is it required in every pass.
@@ -145,13 +145,13 @@ def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: flo
     work = ws.work
     copy_unlocked(scene, ws, work.iterate, work.start)
     pose_unlocked(scene, ws, work.iterate)
-    found = search(scene, ws, angles, gap, MAX_ITERATIONS, True, tethered, EVERY_STEP)
+    found = search(scene, ws, angles, gap, MAX_ITERATIONS, True, EVERY_STEP)
     pose_unlocked(scene, ws, work.best)
     if judge(scene, ws, work.best) == FREE:
         return found
     copy_unlocked(scene, ws, work.start, work.iterate)
     pose_unlocked(scene, ws, work.iterate)
-    again = search(scene, ws, angles, gap, MAX_ITERATIONS, True, tethered, STRAIGHT)
+    again = search(scene, ws, angles, gap, MAX_ITERATIONS, True, STRAIGHT)
     return Found(again.free, found.iterations + again.iterations, again.converged, again.rate_limited)
 
 
@@ -161,13 +161,12 @@ def _attempt(
 ) -> Found:
     """Search from a free start, or for translated trees from an overlapping one if its result can be reached."""
     work, iterations = ws.work, 0
-    chosen = choose_start(scene, state, ws, roots, angles)
-    if chosen < 0:
+    if not choose_start(scene, state, ws, roots, angles):
         if not translated:
             return Found(False, 0, False, False)
         choose_shallowest(scene, state, ws, roots, angles)
         pose_unlocked(scene, ws, work.iterate)
-        relaxed = search(scene, ws, angles, gap, TRANSLATION_ITERATIONS, False, False, ANY_PATH)
+        relaxed = search(scene, ws, angles, gap, TRANSLATION_ITERATIONS, False, ANY_PATH)
         iterations = relaxed.iterations
         if not relaxed.free:
             return relaxed
@@ -175,9 +174,7 @@ def _attempt(
         pose_unlocked(scene, ws, work.iterate)
         if judge(scene, ws, work.iterate) != FREE:
             return Found(False, iterations, False, False)
-    if chosen == ALONG:
-        shorten_start(scene, state, ws, roots, angles)
-    found = _search_straight(scene, ws, angles, gap, chosen == ALONG)
+    found = _search_straight(scene, ws, angles, gap)
     return Found(found.free, found.iterations + iterations, found.converged, found.rate_limited)
 
 
@@ -187,7 +184,7 @@ def _separate_after_part(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap:
     work = ws.work
     copy_unlocked(scene, ws, work.before, work.iterate)
     pose_unlocked(scene, ws, work.iterate)
-    return search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
+    return search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
 
 
 @kernel
@@ -266,7 +263,7 @@ def solve_group(
                 pose_unlocked(scene, ws, work.iterate)
                 for tree in range(len(work.mobility)):
                     work.deviation_limit[tree] = math.inf
-                more_found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
+                more_found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
                 iterations, converged = iterations + more_found.iterations, more_found.free
             else:
                 copy_unlocked(scene, ws, work.iterate, work.best)
@@ -324,7 +321,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
             break
         copy_unlocked(scene, ws, work.goal, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
-        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, False, ANY_PATH)
+        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, ANY_PATH)
         iterations += found.iterations
         if not translated:
             break
@@ -333,7 +330,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         fallbacks = 1
         _set_joints_to_zero(scene, ws, work.goal, work.iterate)
         pose_unlocked(scene, ws, work.iterate)
-        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, False, ANY_PATH)
+        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, ANY_PATH)
         iterations, converged = iterations + found.iterations, found.free
     if not found.free:
         copy_unlocked(scene, ws, work.goal, work.iterate)
@@ -342,7 +339,7 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         if converged:
             copy_unlocked(scene, ws, work.best, work.iterate)
             pose_unlocked(scene, ws, work.iterate)
-            found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, False, EVERY_STEP)
+            found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
             iterations, converged = iterations + found.iterations, found.free
         else:
             copy_unlocked(scene, ws, work.iterate, work.best)

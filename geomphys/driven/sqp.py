@@ -274,7 +274,6 @@ def search(
     gap: float,
     iterations: int,
     keep_contacts: bool,
-    tethered: bool,
     mode: int,
 ) -> Found:
     """Search from the posture in `SearchWorkspace.iterate`, whose pieces are posed.
@@ -291,8 +290,6 @@ def search(
         Bound on the iterations.
     keep_contacts
         Whether recorded contacts have penalty terms.
-    tethered
-        Whether `deviation_limit` bounds how far the trees may move from `SearchWorkspace.start`.
     mode
         What is certified: EVERY_STEP; STRAIGHT: also the straight path from the start of the step; ANY_PATH:
         nothing, and the start may overlap, as there was no frame before.
@@ -353,7 +350,7 @@ def search(
                 step_length *= 0.98 * limit / far
                 is_posed = False
                 continue
-            limited_length = 1.0 if relaxed or rate_limited else step_length_within_rate(scene, ws, tethered)
+            limited_length = 1.0 if relaxed or rate_limited else step_length_within_rate(scene, ws)
             stopped = limited_length < 1.0
             if stopped:
                 step_length *= limited_length * 0.999

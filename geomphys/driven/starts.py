@@ -15,18 +15,16 @@ from geomphys.driven.objective import pivot_of, tree_cost
 from geomphys.driven.postures import Posture
 from geomphys.driven.reachability import FREE, find_reference_body, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_with_pieces
+from geomphys.driven.stepping import copy_unlocked, pose_unlocked
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.vec3 import (
     Quat,
     Vec,
     add,
-    add_scaled,
     quat_conjugate,
     quat_mul,
     quat_rotate,
     quat_unit,
-    slerp,
     sub,
 )
 from geomphys.scene.arrays import Scene
@@ -34,7 +32,6 @@ from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, se
 
 Floats = NDArray[np.float64]
 
-BISECTIONS = 6
 CLEARLY = 10.0  # times: a start with so much less cost than the last posture is taken at once
 JUMP = 0.5  # rad or m: an angle recorded to change more in a step has changed its branch
 
@@ -145,9 +142,9 @@ def _pose_start(
 
 
 @noinline
-def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> int:
-    """The free and certified start nearest to the targets, into `SearchWorkspace.iterate`; returns its kind, -1: none."""
-    work, best, chosen = ws.work, math.inf, -1
+def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> bool:
+    """The free and certified start nearest to the targets, into `SearchWorkspace.iterate`; whether there is one."""
+    work, best = ws.work, math.inf
     work.counts.reference_body = -1
     for i in range(ALONG + 2):
         kind = i if i <= ALONG else LAST  # judged at the end: mostly that along with a body is better
@@ -159,9 +156,9 @@ def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: F
                 break
             work.counts.reference_body = find_reference_body(scene, ws, work.start)
         elif cost < best and judge(scene, ws, work.start) == FREE:
-            best, chosen = cost, kind
+            best = cost
             copy_unlocked(scene, ws, work.start, work.iterate)
-    return chosen
+    return best < math.inf
 
 
 @noinline
@@ -175,39 +172,3 @@ def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roo
         if least > shallowest:
             shallowest = least
             copy_unlocked(scene, ws, ws.work.start, ws.work.iterate)
-
-
-@kernel
-def _blend(scene: Scene, ws: DrivenWorkspace, fraction: float) -> None:
-    """Interpolate `SearchWorkspace.start` between `.trial` (fraction 0) and `.best` (fraction 1)."""
-    work = ws.work
-    for tree in range(len(work.mobility)):
-        if work.mobility[tree] == LOCKED:
-            continue
-        p0, p1 = position_of(work.trial.roots, tree), position_of(work.best.roots, tree)
-        q = orientation_of(work.trial.roots, tree)
-        if q != orientation_of(work.best.roots, tree):
-            q = slerp(q, orientation_of(work.best.roots, tree), fraction)
-        set_pose(work.start.roots, tree, add_scaled(p0, sub(p1, p0), fraction), q)
-        for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-            work.start.angles[j] = work.trial.angles[j] + fraction * (work.best.angles[j] - work.trial.angles[j])
-        pose_with_pieces(scene, ws, work.start, tree)
-
-
-@noinline
-def shorten_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> None:
-    """Shorten a start that moves along with a body, in `SearchWorkspace.iterate`, to the least motion that is free."""
-    work, low, high = ws.work, 0.0, 1.0
-    copy_unlocked(scene, ws, work.iterate, work.best)
-    for tree in range(len(work.mobility)):
-        if work.mobility[tree] != LOCKED:
-            _make_start(scene, state, ws, tree, roots, angles, LAST)
-    copy_unlocked(scene, ws, work.start, work.trial)
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        _blend(scene, ws, middle)
-        if judge(scene, ws, work.start) == FREE:
-            high = middle
-            copy_unlocked(scene, ws, work.start, work.iterate)
-        else:
-            low = middle

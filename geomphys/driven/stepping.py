@@ -341,7 +341,7 @@ def _step_length_within(before: float, after: float, most: float) -> float:
 
 
 @kernel
-def step_length_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -> float:
+def step_length_within_rate(scene: Scene, ws: DrivenWorkspace) -> float:
     """The step length at which some link reaches the rate limit, its largest distance from its path; 1: none."""
     step_length, work = 1.0, ws.work
     for tree in range(len(work.mobility)):
@@ -354,11 +354,6 @@ def step_length_within_rate(scene: Scene, ws: DrivenWorkspace, tethered: bool) -
                 distance_from_path(ws, work.trial.poses, body),
             )
             step_length = min(step_length, _step_length_within(before, after, deviation_limit))
-            if tethered:
-                start = link_centre(ws, work.start.poses, body)
-                before = norm(sub(link_centre(ws, work.iterate.poses, body), start))
-                after = norm(sub(link_centre(ws, work.trial.poses, body), start))
-                step_length = min(step_length, _step_length_within(before, after, deviation_limit))
     return step_length
 
 

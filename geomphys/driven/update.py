@@ -241,7 +241,7 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
             _start_at_present(scene, state, ws, tree, mobility)
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
             break
-        found = search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, False, ANY_PATH)
+        found = search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, ANY_PATH)
         iterations += found.iterations
         for tree in range(len(work.mobility)):
             if work.mobility[tree] != LOCKED:

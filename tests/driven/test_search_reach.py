@@ -44,7 +44,7 @@ def reached(distance: float, touching: bool) -> float:
     pose_unlocked(packed, ws, ws.work.iterate)
     for tree in range(2):
         update_boxes(packed, data.workspace.piece_frames.frames, ws.detection.boxes, tree)
-    found = search(packed, ws, np.zeros(0), 2e-6, 25, touching, False, EVERY_STEP)
+    found = search(packed, ws, np.zeros(0), 2e-6, 25, touching, EVERY_STEP)
     assert found.free
     return float(work.best.poses[0, :3] @ ALONG)
 
