@@ -74,9 +74,10 @@ def _closes(ws: DrivenWorkspace, state: DrivenState, recorded: Floats, touch: Re
 
 @noinline
 def find_grips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: Floats) -> None:
-    """Find the rigid trees that close on something: into `SearchWorkspace.grips`.
+    """Find the rigid trees that close on something: into `SearchWorkspace.grips`, and whose joints stop together: `stopped`.
 
-    Only fingertips recorded more than `Weights.grip_depth` inside something count; `recorded` (B, 7): recorded poses.
+    Only fingertips recorded more than `Weights.grip_depth` inside something count; `recorded` (B, 7): recorded poses. A rigid
+    tree that has gripped counts as gripping until its shape is that of the recording again.
     """
     work, deep = ws.work, -ws.weights.grip_depth
     for tree in range(len(work.grips)):
@@ -94,3 +95,9 @@ def find_grips(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recorded: 
                 work.grips[tree] = 1
         if _closes(ws, state, recorded, touch):
             work.grips[tree] = 1
+    for tree in range(len(work.grips)):
+        if work.grips[tree] == 1:
+            state.has_gripped[tree] = 1
+        elif state.general_motion[tree] == 0:
+            state.has_gripped[tree] = 0
+        work.stopped[tree] = max(work.grip[tree], 1.0 * state.has_gripped[tree])

@@ -284,10 +284,10 @@ def _add_joint_terms(scene: Scene, ws: DrivenWorkspace, angles: Floats, tree: in
     of fingers that have closed on something stop together; otherwise the last ones would go back as the first close further.
     """
     cost, work = 0.0, ws.work
-    smooth, posture = ws.weights.rigid_smooth, ws.weights.posture
+    smooth, posture = ws.weights.rigid_smooth, ws.weights.rigid_posture
     if not is_rigid(scene, tree):
-        smooth = ws.weights.smooth
-        posture += ws.weights.grip_posture * work.grip[tree]
+        smooth, posture = ws.weights.smooth, ws.weights.posture
+    posture += ws.weights.grip_posture * work.stopped[tree]
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         i = work.column[q]
         if i < 0:

@@ -98,7 +98,10 @@ LINK_OFFSET = np.dtype(
         ("last_rotation", np.float64, 3),
         ("contact_velocity", np.float64, 3),  # m/s: what of `velocity` contacts have set
         ("contact_angular_velocity", np.float64, 3),  # rad/s
+        ("last_velocity", np.float64, 3),  # m/s, at which `translation` changed in the last step
+        ("last_angular_velocity", np.float64, 3),  # rad/s, at which `rotation` did
         ("recorded_velocity", np.float64, 3),  # m/s, of the link's centre in the last step
+        ("recorded_angular_velocity", np.float64, 3),  # rad/s, of the link in the last step
     ]
 )
 """Offset of a link from its recorded pose, and its rates."""
@@ -141,6 +144,7 @@ class DrivenState(NamedTuple):
     tremor: Records  # (T,) TREMOR
     general_motion: Ints  # (T,) 1: the offsets are more than a translation of the tree
     mean_tip: Floats  # (B, 3) m, mean recorded centre of each fingertip of a rigid tree, in the frame of its palm
+    has_gripped: Ints  # (T,) 1: a rigid tree that has closed on something since its offset was last a translation
     used_low: Floats  # (Q,) the least angle recorded so far
     used_high: Floats  # (Q,) and the largest
     prescription: Ints  # (T,) PRESCRIBED: its posture in this step, obstacles apart, is that below; WAS_PRESCRIBED; 0
@@ -201,6 +205,9 @@ class SearchWorkspace(NamedTuple):
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
+    stopped: (
+        Floats  # (T,) to which share the joints of a tree stop together, 0 to 1: it grips, or has gripped, something
+    )
     unit: Floats  # (Q,) ones
     iterations: int  # bound on the iterations of a search
     ignored: Ints  # (T,) 1: trees that others need not avoid
@@ -235,6 +242,7 @@ def make_driven_state(scene: Scene, poses: Floats) -> DrivenState:
         tremor=np.zeros(trees, TREMOR),
         general_motion=np.zeros(trees, np.int64),
         mean_tip=np.zeros((bodies, 3)),
+        has_gripped=np.zeros(trees, np.int64),
         used_low=np.full(dofs, np.inf),
         used_high=np.full(dofs, -np.inf),
         prescription=np.zeros(trees, np.int64),
@@ -301,6 +309,7 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         closing=np.zeros(trees),
         grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),
+        stopped=np.zeros(trees),
         unit=np.ones(dofs),
         iterations=iterations,
         ignored=np.zeros(trees, np.int64),

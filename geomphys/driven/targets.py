@@ -39,6 +39,7 @@ DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the 
 MIN_DEVIATION = 1.4e-3  # m: the same, at least
 COMING_TO_REST = 0.25  # of its speed in the last step: a slower recorded link comes to rest
 LEAST_DEPTH = 5e-4  # m: a smaller recorded depth counts as this where offsets are compared with it
+FULL_DEPTH = 3e-3  # m: recorded depth from which on `Weights.inertia` applies in full
 MAX_GROWTH = 100.0  # of the weight of a link that is far off
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
@@ -62,6 +63,7 @@ def clear_link_offset(state: DrivenState, body: int) -> None:
         offset.translation[i] = offset.rotation[i] = offset.velocity[i] = offset.angular_velocity[i] = 0.0
         offset.last_translation[i] = offset.last_rotation[i] = 0.0
         offset.contact_velocity[i] = offset.contact_angular_velocity[i] = offset.recorded_velocity[i] = 0.0
+        offset.last_velocity[i] = offset.last_angular_velocity[i] = offset.recorded_angular_velocity[i] = 0.0
 
 
 @kernel
@@ -107,6 +109,36 @@ def _drop_rates(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
                 state.last_offset_velocity[tree, i] -= lost * o.contact_velocity[i]
 
 
+@kernel
+def _rotation_between(before: Floats, after: Floats, body: int) -> Vec:
+    """Rotation vector of a body from its orientation in poses `before` to that in poses `after` (B, 7)."""
+    return rotation_vector(quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body))))
+
+
+@kernel
+def _add_inertia(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+    """Move relaxed offsets of a pressed tree towards those with which its links would go on at their last velocity.
+
+    Tracker noise, and the recorded acceleration of what is stopped, are passed on in part. The share grows with the recorded
+    depth and with the grip: no offset starts, or is kept from its end, by inertia.
+    """
+    pressed = min(ws.work.depth[tree] / FULL_DEPTH, 1.0)
+    share = max(ws.weights.inertia * pressed, ws.weights.grip_inertia * ws.work.grip[tree])
+    if share == 0.0 or dt == 0.0:
+        return
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        o = state.link_offsets[body]
+        path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
+        rotation = _rotation_between(state.recorded.poses, recorded, body)
+        for i in range(3):
+            there = o.last_translation[i] + dt * (o.last_velocity[i] + o.recorded_velocity[i]) - path[i]
+            o.translation[i] += share * (there - o.translation[i])
+            there = (
+                o.last_rotation[i] + dt * (o.last_angular_velocity[i] + o.recorded_angular_velocity[i]) - rotation[i]
+            )
+            o.rotation[i] += share * (there - o.rotation[i])
+
+
 @noinline
 def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
     """Relax the offsets of a tree, and set the targets of its links.
@@ -146,6 +178,8 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
         state.last_offset_velocity[tree, i] = state.offset_velocity[tree, i]
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
+    else:
+        _add_inertia(scene, state, ws, tree, recorded, dt)
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         _set_link_target(ws, recorded, body, vec_of(o.translation), vec_of(o.rotation))
@@ -278,8 +312,13 @@ def store_tree_offsets(
         set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
         if state.progress.dt > 0.0:
+            per_second = 1.0 / state.progress.dt
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            set_vec(o.recorded_velocity, scale(path, 1.0 / state.progress.dt))
+            turned = _rotation_between(state.recorded.poses, recorded, body)
+            set_vec(o.recorded_velocity, scale(path, per_second))
+            set_vec(o.recorded_angular_velocity, scale(turned, per_second))
+            set_vec(o.last_velocity, scale(sub(translation, vec_of(o.last_translation)), per_second))
+            set_vec(o.last_angular_velocity, scale(sub(rotation, vec_of(o.last_rotation)), per_second))
     state.general_motion[tree] = 1 if general_motion else 0
     if not general_motion:
         for body in range(root, scene.trees.body_start[tree + 1]):
