@@ -205,9 +205,7 @@ class SearchWorkspace(NamedTuple):
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
-    stopped: (
-        Floats  # (T,) to which share the joints of a tree stop together, 0 to 1: it grips, or has gripped, something
-    )
+    stopped: Floats  # (T,) share to which the joints of a tree stop together: it grips, or has gripped, something
     unit: Floats  # (Q,) ones
     iterations: int  # bound on the iterations of a search
     ignored: Ints  # (T,) 1: trees that others need not avoid

@@ -18,6 +18,7 @@ from geomphys.numerics.row_vectors import copy_pose, set_vec, set_vec_at, vec_at
 from geomphys.numerics.vec3 import (
     Vec,
     add,
+    add_scaled,
     dot,
     norm,
     quat_conjugate,
@@ -39,7 +40,8 @@ DEVIATION_PER_MOTION = 1.9  # how far a link's offset may leave its path by the 
 MIN_DEVIATION = 1.4e-3  # m: the same, at least
 COMING_TO_REST = 0.25  # of its speed in the last step: a slower recorded link comes to rest
 LEAST_DEPTH = 5e-4  # m: a smaller recorded depth counts as this where offsets are compared with it
-FULL_DEPTH = 3e-3  # m: recorded depth from which on `Weights.inertia` applies in full
+SMALL_OFFSET = 1e-3  # m: an offset from which on the motion of the base along it has inertia
+FULL_DEPTH = 3e-3  # m: recorded depth from which on inertia applies in full
 MAX_GROWTH = 100.0  # of the weight of a link that is far off
 MOVED = 1e-7  # m or rad: a posture that differs by less from its goal has not touched anything
 
@@ -116,26 +118,43 @@ def _rotation_between(before: Floats, after: Floats, body: int) -> Vec:
 
 
 @kernel
-def _add_inertia(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
-    """Move relaxed offsets of a pressed tree towards those with which its links would go on at their last velocity.
+def _recorded_jolt(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, body: int, dt: float) -> tuple[Vec, Vec]:
+    """How far a link's recorded translation [m] and rotation [rad] are from those with its velocities of the last step."""
+    o, path = (
+        state.link_offsets[body],
+        sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body)),
+    )
+    rotation = _rotation_between(state.recorded.poses, recorded, body)
+    return (
+        sub(path, scale(vec_of(o.recorded_velocity), dt)),
+        sub(rotation, scale(vec_of(o.recorded_angular_velocity), dt)),
+    )
 
-    Tracker noise, and the recorded acceleration of what is stopped, are passed on in part. The share grows with the recorded
-    depth and with the grip: no offset starts, or is kept from its end, by inertia.
+
+@kernel
+def _add_inertia(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+    """Move relaxed offsets of a pressed tree towards those with which its links would go on as in the last step.
+
+    Offsets go on at their last rates. What is new in the recorded motion is followed in part: of the base of chains what
+    is across its offset in full, as the recording is; of all else, what stops or trembles, less. The share grows with the
+    recorded depth and with the grip: no offset starts, or is kept from its end, by inertia.
     """
+    weights, base = ws.weights, ws.links.pivot[tree]
     pressed = min(ws.work.depth[tree] / FULL_DEPTH, 1.0)
-    share = max(ws.weights.inertia * pressed, ws.weights.grip_inertia * ws.work.grip[tree])
+    share = pressed * (weights.rigid_inertia if is_rigid(scene, tree) else weights.inertia)
+    share = max(share, weights.grip_inertia * ws.work.grip[tree])
     if share == 0.0 or dt == 0.0:
         return
+    jolt, _ = _recorded_jolt(state, ws, recorded, base, dt)
+    offset = vec_of(state.link_offsets[base].last_translation)
+    along = dot(offset, jolt) / (dot(offset, offset) + SMALL_OFFSET * SMALL_OFFSET)
+    followed = add_scaled(jolt, offset, -along)
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        o = state.link_offsets[body]
-        path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-        rotation = _rotation_between(state.recorded.poses, recorded, body)
+        o, (jolt, rotation) = state.link_offsets[body], _recorded_jolt(state, ws, recorded, body, dt)
         for i in range(3):
-            there = o.last_translation[i] + dt * (o.last_velocity[i] + o.recorded_velocity[i]) - path[i]
+            there = o.last_translation[i] + dt * o.last_velocity[i] - (jolt[i] - followed[i])
             o.translation[i] += share * (there - o.translation[i])
-            there = (
-                o.last_rotation[i] + dt * (o.last_angular_velocity[i] + o.recorded_angular_velocity[i]) - rotation[i]
-            )
+            there = o.last_rotation[i] + dt * o.last_angular_velocity[i] - rotation[i]
             o.rotation[i] += share * (there - o.rotation[i])
 
 

@@ -12,29 +12,28 @@ from typing import NamedTuple
 class Weights(NamedTuple):
     """Weights of the objective; numbers without a unit multiply others."""
 
-    base: float = 10.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
+    base: float = 20.0  # times its area: of the base link of chains; more: the fingers move more, and the hand less
     supported: float = 0.35  # times the second moments of all that it carries: of its rotation; more: it rotates less
-    amplification: float = 1.25  # times the recorded depth: links of chains that are farther off than that weigh more;
+    amplification: float = 1.4  # times the recorded depth: links of chains that are farther off than that weigh more;
     excess: float = 0.05  # times it: twice as much where they are so much farther off
     shape: float = 7.0  # times: weight of shape and rotation of a rigid tree
     smooth: float = (
         0.15  # of lever²: a joint's departure from its goal by the coupling; more: smoother, the hand moves more
     )
-    rigid_smooth: float = 0.3  # the same in a rigid tree
-    posture: float = 0.12  # of mean levers²: the same; more: distal joints move less
+    rigid_smooth: float = 0.4  # the same in a rigid tree
+    posture: float = 0.2  # of mean levers²: the same; more: distal joints move less
     rigid_posture: float = 0.06  # the same in a rigid tree
-    grip_posture: float = (
-        0.4  # the same, in addition, in a hand that grips something, or has and is not yet back in shape
-    )
+    grip_posture: float = 0.4  # the same, in addition, in a hand that grips, or has and is not yet back in shape
     inertia: float = (
-        0.12  # share of the way from a target to where the last corrected motion goes on to, where pressed; more:
+        0.19  # share by which pressed chains go on as in the last frame; more: smoother, but they overshoot
     )
-    grip_inertia: float = 0.5  # the same in a grip;           smoother, but it overshoots
+    rigid_inertia: float = 0.05  # the same in a rigid tree
+    grip_inertia: float = 0.6  # the same in a grip, of both
     tremor: float = (
         0.7e-3  # m: size of the noise that is filtered out of the pose of a hand in a grip; more: it lags more
     )
-    contact: float = 3.0  # mean weights of a link: penalty of the gap of a fingertip recorded in contact
-    rigid_contact: float = 25.0  # the same in a rigid tree, whose joints have a higher weight,
+    contact: float = 3.3  # mean weights of a link: penalty of the gap of a fingertip recorded in contact
+    rigid_contact: float = 30.0  # the same in a rigid tree, whose joints have a higher weight,
     closing_speed: float = 0.02  # m/s: and no faster than this
     closing_share: float = 0.5  # and this times the fastest recorded motion of a link
     offset_rate: float = 0.7  # share of the rate at which contacts change an offset that it keeps when they end
