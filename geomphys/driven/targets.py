@@ -1,4 +1,4 @@
-"""Targets of links: recorded poses plus the offsets of the last frame, relaxed by the coupling (6).
+"""Targets of links: recorded poses plus the offsets of the last frame, relaxed by the coupling (6); with inertia where pressed.
 
 A tree that was only translated has one offset, that of its root. One that rotated or changed its joints has one
 for each link, of its centre and of its rotation, in the world: so they do not depend on the choice among equivalent angles.
@@ -333,9 +333,9 @@ def store_tree_offsets(
         if state.progress.dt > 0.0:
             per_second = 1.0 / state.progress.dt
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            turned = _rotation_between(state.recorded.poses, recorded, body)
+            rotation_of_recorded = _rotation_between(state.recorded.poses, recorded, body)
             set_vec(o.recorded_velocity, scale(path, per_second))
-            set_vec(o.recorded_angular_velocity, scale(turned, per_second))
+            set_vec(o.recorded_angular_velocity, scale(rotation_of_recorded, per_second))
             set_vec(o.last_velocity, scale(sub(translation, vec_of(o.last_translation)), per_second))
             set_vec(o.last_angular_velocity, scale(sub(rotation, vec_of(o.last_rotation)), per_second))
     state.general_motion[tree] = 1 if general_motion else 0
