@@ -112,7 +112,7 @@ def _drop_rates(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
 
 @kernel
-def _rotation_between(before: Floats, after: Floats, body: int) -> Vec:
+def _rotation_vector_between(before: Floats, after: Floats, body: int) -> Vec:
     """Rotation vector of a body from its orientation in poses `before` to that in poses `after` (B, 7)."""
     return rotation_vector(quat_mul(orientation_of(after, body), quat_conjugate(orientation_of(before, body))))
 
@@ -120,11 +120,9 @@ def _rotation_between(before: Floats, after: Floats, body: int) -> Vec:
 @kernel
 def _recorded_jolt(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, body: int, dt: float) -> tuple[Vec, Vec]:
     """How far a link's recorded translation [m] and rotation [rad] are from those with its velocities of the last step."""
-    o, path = (
-        state.link_offsets[body],
-        sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body)),
-    )
-    rotation = _rotation_between(state.recorded.poses, recorded, body)
+    o = state.link_offsets[body]
+    path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
+    rotation = _rotation_vector_between(state.recorded.poses, recorded, body)
     return (
         sub(path, scale(vec_of(o.recorded_velocity), dt)),
         sub(rotation, scale(vec_of(o.recorded_angular_velocity), dt)),
@@ -132,7 +130,9 @@ def _recorded_jolt(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, bo
 
 
 @kernel
-def _add_inertia(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+def _continue_motion(
+    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float
+) -> None:
     """Move relaxed offsets of a pressed tree towards those with which its links would go on as in the last step.
 
     Offsets go on at their last rates. What is new in the recorded motion is followed in part: of the base of chains what
@@ -198,7 +198,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
     else:
-        _add_inertia(scene, state, ws, tree, recorded, dt)
+        _continue_motion(scene, state, ws, tree, recorded, dt)
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         _set_link_target(ws, recorded, body, vec_of(o.translation), vec_of(o.rotation))
@@ -213,9 +213,7 @@ def _take_prescribed(
     for body in range(first, scene.trees.body_start[tree + 1]):
         o, c = state.link_offsets[body], link_centre(ws, recorded, body)
         translation = sub(link_centre(ws, prescribed, body), c)
-        rotation = rotation_vector(
-            quat_mul(orientation_of(prescribed, body), quat_conjugate(orientation_of(recorded, body)))
-        )
+        rotation = _rotation_vector_between(recorded, prescribed, body)
         for i in range(3):
             ws.work.anchor[body, i] = c[i] + o.translation[i]
             o.velocity[i] = (translation[i] - o.translation[i]) / dt
@@ -333,7 +331,7 @@ def store_tree_offsets(
         if state.progress.dt > 0.0:
             per_second = 1.0 / state.progress.dt
             path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            rotation_of_recorded = _rotation_between(state.recorded.poses, recorded, body)
+            rotation_of_recorded = _rotation_vector_between(state.recorded.poses, recorded, body)
             set_vec(o.recorded_velocity, scale(path, per_second))
             set_vec(o.recorded_angular_velocity, scale(rotation_of_recorded, per_second))
             set_vec(o.last_velocity, scale(sub(translation, vec_of(o.last_translation)), per_second))
