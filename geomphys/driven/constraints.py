@@ -165,7 +165,7 @@ def add_term(ws: DrivenWorkspace, row: Floats, unknowns: int, weight: float, r: 
     for i in range(unknowns):
         if row[i] != 0.0:
             g[i] += weight * r * row[i]
-            for j in range(unknowns):
+            for j in range(i + 1):
                 h[i, j] += weight * row[i] * row[j]
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from geomphys.driven.postures import Posture, point_of, world_axis
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenWorkspace
-from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import add_vec, rot_of, set_vec, set_vec_from, vec_at, vec_from, vec_of
+from geomphys.jit.kernel import inlined, kernel, noinline
+from geomphys.numerics.row_vectors import add_vec, rot_of, set_rot, set_vec, set_vec_from, vec_at, vec_from, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
     Rot,
@@ -81,13 +81,14 @@ def _transposed(r: Rot) -> Rot:
     return (r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8])
 
 
-@kernel
-def _residual(ws: DrivenWorkspace, poses: Floats, body: int, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
-    """Gradient (force and torque about the centre) of a link displaced from (c, q), per weight, and twice its cost."""
-    away = sub(link_centre(ws, poses, body), c)
-    current, desired = rot_from_quat(orientation_of(poses, body)), rot_from_quat(q)
-    s = _second_moment(ws, body)
-    n = rot_mul(rot_mul(current, s), _transposed(desired))
+@inlined
+def _residual(centre: Vec, rotated_moments: Rot, s: Rot, c: Vec, q: Quat) -> tuple[Vec, Vec, float]:
+    """Gradient (force and torque about the centre) of a link displaced from (c, q), per weight, and twice its cost.
+
+    `centre` and `rotated_moments` as in `LINK_SURFACE`; `s`: its second moments.
+    """
+    away = sub(centre, c)
+    n = rot_mul(rotated_moments, _transposed(rot_from_quat(q)))
     torque = (n[7] - n[5], n[2] - n[6], n[3] - n[1])
     cost = dot(away, away) + 2.0 * (s[0] + s[4] + s[8]) - 2.0 * (n[0] + n[4] + n[8])
     return away, torque, cost
@@ -100,7 +101,9 @@ def tree_cost(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> fl
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
         w = ws.work.weight[body]
         if w > 0.0:
-            _, _, e = _residual(ws, poses, body, vec_at(ws.work.target, body), orientation_of(ws.work.target, body))
+            s, centre, target = _second_moment(ws, body), link_centre(ws, poses, body), ws.work.target
+            moments = rot_mul(rot_from_quat(orientation_of(poses, body)), s)
+            _, _, e = _residual(centre, moments, s, vec_at(target, body), orientation_of(target, body))
             cost += 0.5 * w * e
     return cost
 
@@ -133,11 +136,15 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
             force[body, k] = 0.0
         if w == 0.0:
             continue
-        away, torque, e = _residual(ws, poses, body, vec_at(target, body), orientation_of(target, body))
-        cost += 0.5 * w * e
-        r = sub(link_centre(ws, poses, body), pivot)
+        s, centre = _second_moment(ws, body), link_centre(ws, poses, body)
         world_rotation = rot_from_quat(orientation_of(poses, body))
-        c = rot_mul(rot_mul(world_rotation, _second_moment(ws, body)), _transposed(world_rotation))
+        moments = rot_mul(world_rotation, s)
+        set_vec(ws.work.surface[body].centre, centre)
+        set_rot(ws.work.surface[body].rotated_moments, moments)
+        away, torque, e = _residual(centre, moments, s, vec_at(target, body), orientation_of(target, body))
+        cost += 0.5 * w * e
+        r = sub(centre, pivot)
+        c = rot_mul(moments, _transposed(world_rotation))
         trace, square = c[0] + c[4] + c[8], dot(r, r)
         own.mass = w
         set_vec(own.first_moment, scale(r, w))
@@ -159,7 +166,10 @@ def _gather(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> floa
 
 @kernel
 def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> float:
-    """Composite forces of the shape term of a tree: targets of links in the root's frame; returns the cost."""
+    """Composite forces of the shape term of a tree: targets of links in the root's frame; returns the cost.
+
+    Surfaces of links are those of `_gather`.
+    """
     force, links, target = ws.work.force, ws.links, ws.work.target
     first, last = scene.trees.body_start[tree], scene.trees.body_start[tree + 1]
     pivot, cost = pivot_of(ws, poses, tree), 0.0
@@ -174,9 +184,11 @@ def _gather_shape(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -
         if w == 0.0:
             continue
         c = add(root, quat_rotate(rotation, sub(vec_at(target, body), target_root)))
-        away, torque, e = _residual(ws, poses, body, c, quat_mul(rotation, orientation_of(target, body)))
+        centre, moments = vec_of(ws.work.surface[body].centre), rot_of(ws.work.surface[body].rotated_moments)
+        q = quat_mul(rotation, orientation_of(target, body))
+        away, torque, e = _residual(centre, moments, _second_moment(ws, body), c, q)
         cost += 0.5 * w * e
-        moment = add(cross(sub(link_centre(ws, poses, body), pivot), away), torque)
+        moment = add(cross(sub(centre, pivot), away), torque)
         set_vec_from(force[body], 0, scale(away, w))
         set_vec_from(force[body], 3, scale(moment, w))
     for body in range(last - 1, first, -1):
@@ -220,42 +232,53 @@ def _joint_column(scene: Scene, ws: DrivenWorkspace, joint: int) -> int:
 
 
 @kernel
-def _add_joints(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int, factor: float) -> None:
-    """Hessian of a tree's joints among each other and with its root; the former `factor` times."""
-    h, first, pivot = ws.problem.hessian, ws.work.first[tree], pivot_of(ws, poses, tree)
-    root = scene.trees.body_start[tree]
+def _find_twists(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int) -> None:
+    """Motion that each joint of a tree gives, into `SearchWorkspace.twist`."""
+    pivot = pivot_of(ws, poses, tree)
+    for body in range(scene.trees.body_start[tree] + 1, scene.trees.body_start[tree + 1]):
+        twist = ws.work.twist[body]
+        twist.column = _joint_column(scene, ws, body)
+        if twist.column >= 0:
+            v, w = _twist(scene, poses, body, pivot)
+            set_vec(twist.velocity, v)
+            set_vec(twist.angular_velocity, w)
+
+
+@kernel
+def _add_joints(scene: Scene, ws: DrivenWorkspace, tree: int, factor: float) -> None:
+    """Hessian of a tree's joints among each other and with its root, whose columns come before; the former `factor` times."""
+    h, first, root = ws.problem.hessian, ws.work.first[tree], scene.trees.body_start[tree]
     for body in range(root + 1, scene.trees.body_start[tree + 1]):
-        i = _joint_column(scene, ws, body)
+        twist = ws.work.twist[body]
+        i = twist.column
         if i < 0 or ws.work.inertia[body].mass == 0.0:
             continue
-        v, w = _twist(scene, poses, body, pivot)
-        p, angular = _momentum(ws.work.inertia[body], v, w)
+        p, angular = _momentum(ws.work.inertia[body], vec_of(twist.velocity), vec_of(twist.angular_velocity))
         for k in range(3):
-            h[first + k, i] += p[k]
             h[i, first + k] += p[k]
-            h[first + 3 + k, i] += angular[k]
             h[i, first + 3 + k] += angular[k]
         other = body
         while other > root:
-            j = _joint_column(scene, ws, other)
+            above = ws.work.twist[other]
+            j = above.column
             if j >= 0:
-                v, w = _twist(scene, poses, other, pivot)
-                value = factor * (dot(v, p) + dot(w, angular))
-                h[i, j] += value
-                if other != body:
-                    h[j, i] += value
+                value = factor * (dot(vec_of(above.velocity), p) + dot(vec_of(above.angular_velocity), angular))
+                h[max(i, j), min(i, j)] += value
+                if i == j and other != body:  # two joints of one degree of freedom
+                    h[i, j] += value
             other = scene.bodies.parent[other]
 
 
 @kernel
-def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, poses: Floats, tree: int, factor: float) -> None:
+def _add_joint_gradient(scene: Scene, ws: DrivenWorkspace, tree: int, factor: float) -> None:
     """Gradient of a tree's joints from its composite forces."""
-    pivot, force = pivot_of(ws, poses, tree), ws.work.force
+    force = ws.work.force
     for body in range(scene.trees.body_start[tree] + 1, scene.trees.body_start[tree + 1]):
-        i = _joint_column(scene, ws, body)
+        twist = ws.work.twist[body]
+        i = twist.column
         if i < 0:
             continue
-        v, w = _twist(scene, poses, body, pivot)
+        v, w = vec_of(twist.velocity), vec_of(twist.angular_velocity)
         f, t = vec_from(force[body], 0), vec_from(force[body], 3)
         ws.problem.gradient[i] += factor * (dot(v, f) + dot(w, t))
 
@@ -342,21 +365,21 @@ def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) 
         skew = (0.0, z, -y, -z, 0.0, x, y, -x, 0.0)  # ω x h: how the first moment couples a rotation to a translation
         for i in range(3):
             for j in range(3):
-                h[first + i, first + 3 + j] += skew[3 * i + j]
                 h[first + 3 + j, first + i] += skew[3 * i + j]
         moments, torque = _second_moments(composite), vec_from(force, 3)
         for i in range(3):
             g[first + 3 + i] += torque[i]
             h[first + 3 + i, first + 3 + i] += 1e-3 * REGULARISATION
-            for j in range(3):
+            for j in range(i + 1):
                 h[first + 3 + i, first + 3 + j] += moments[3 * i + j]
         rigid = is_rigid(scene, tree)
-        _add_joint_gradient(scene, ws, poses, tree, 1.0)
-        _add_joints(scene, ws, poses, tree, 1.0 + ws.weights.shape if rigid else 1.0)
+        _find_twists(scene, ws, poses, tree)
+        _add_joint_gradient(scene, ws, tree, 1.0)
+        _add_joints(scene, ws, tree, 1.0 + ws.weights.shape if rigid else 1.0)
         if rigid:
             cost += _add_rotation(scene, ws, poses, tree)
             cost += ws.weights.shape * _gather_shape(scene, ws, poses, tree)
-            _add_joint_gradient(scene, ws, poses, tree, ws.weights.shape)
+            _add_joint_gradient(scene, ws, tree, ws.weights.shape)
         cost += _limit_cost(scene, ws, iterate.angles, tree)
         if smooth:
             cost += _add_joint_terms(scene, ws, iterate.angles, tree)
@@ -384,6 +407,6 @@ def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
                     n += 1
     for i in range(n):
         ws.problem.gradient[i] = 0.0
-        for j in range(n):
+        for j in range(i + 1):
             ws.problem.hessian[i, j] = 0.0
     return n

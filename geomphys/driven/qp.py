@@ -48,7 +48,7 @@ QUADRATIC_COUNTS = np.dtype(
 class Quadratic(NamedTuple):
     """Problems of up to n unknowns and m rows, their workspace and solution."""
 
-    hessian: Floats  # (n, n)
+    hessian: Floats  # (n, n) its lower triangle
     gradient: Floats  # (n,)
     factor: Floats  # (n, n) L, lower triangular
     low: Floats  # (n,)

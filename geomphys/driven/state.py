@@ -130,6 +130,23 @@ COMPOSITE_INERTIA = np.dtype(
 )
 """Inertia of a link and all below it: weights [1], lengths [m]."""
 
+LINK_SURFACE = np.dtype(
+    [
+        ("centre", np.float64, 3),  # m, world
+        ("rotated_moments", np.float64, 9),  # m², R S of the link's rotation R and its second moments S, row by row
+    ]
+)
+"""Surface of a link in a posture."""
+
+JOINT_TWIST = np.dtype(
+    [
+        ("column", np.int64),  # of its degree of freedom; -1: none
+        ("velocity", np.float64, 3),  # m, at the pivot, per unit of the degree of freedom
+        ("angular_velocity", np.float64, 3),
+    ]
+)
+"""Motion that the joint above a body gives in a posture."""
+
 
 class DrivenState(NamedTuple):
     """State of the driven loop from frame to frame."""
@@ -191,6 +208,8 @@ class SearchWorkspace(NamedTuple):
     used_low: Floats  # (Q,) range in which a joint was used
     used_high: Floats  # (Q,)
     inertia: Records  # (B,) COMPOSITE_INERTIA
+    surface: Records  # (B,) LINK_SURFACE, at the posture of the objective, of links with a weight
+    twist: Records  # (B,) JOINT_TWIST, there
     force: Floats  # (B, 6) composite force and torque about the pivot
     motion: Records  # (P,) TRAVEL of each piece from the iterate to the trial
     travel: Records  # (P,) TRAVEL of each piece since the start of the step
@@ -293,6 +312,8 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         used_low=np.zeros(dofs),
         used_high=np.zeros(dofs),
         inertia=np.zeros(bodies, COMPOSITE_INERTIA),
+        surface=np.zeros(bodies, LINK_SURFACE),
+        twist=np.zeros(bodies, JOINT_TWIST),
         force=np.zeros((bodies, 6)),
         motion=np.zeros(pieces, TRAVEL),
         travel=np.zeros(pieces, TRAVEL),
