@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.coupling import relax_offset
+from geomphys.driven.coupling import relax_by, relaxation_of
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import is_recorded
 from geomphys.driven.state import PRESCRIBED, DrivenState, DrivenWorkspace
@@ -164,7 +164,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
 
     Stores the rates, so that their change by impulses until the next step can be found.
     """
-    trees, first = scene.trees, scene.trees.body_start[tree]
+    trees, first, relaxation = scene.trees, scene.trees.body_start[tree], relaxation_of(scene.trees, tree, dt)
     if dt > 0.0:
         _drop_rates(scene, state, ws, tree, recorded, dt)
     velocity_change = sub(vec_at(state.offset_velocity, tree), vec_at(state.last_offset_velocity, tree))
@@ -175,8 +175,8 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
         set_vec_at(ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(o.translation)))
     if state.general_motion[tree] == 0:
         for i in range(3):
-            state.offset[tree, i], state.offset_velocity[tree, i] = relax_offset(
-                trees, tree, state.offset[tree, i], state.offset_velocity[tree, i], dt
+            state.offset[tree, i], state.offset_velocity[tree, i] = relax_by(
+                relaxation, state.offset[tree, i], state.offset_velocity[tree, i]
             )
         offset = vec_at(state.offset, tree)
         for body in range(first, trees.body_start[tree + 1]):
@@ -189,10 +189,8 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         for i in range(3):
-            o.translation[i], o.velocity[i] = relax_offset(
-                trees, tree, o.translation[i], o.velocity[i] + velocity_change[i], dt
-            )
-            o.rotation[i], o.angular_velocity[i] = relax_offset(trees, tree, o.rotation[i], o.angular_velocity[i], dt)
+            o.translation[i], o.velocity[i] = relax_by(relaxation, o.translation[i], o.velocity[i] + velocity_change[i])
+            o.rotation[i], o.angular_velocity[i] = relax_by(relaxation, o.rotation[i], o.angular_velocity[i])
     for i in range(3):
         state.last_offset_velocity[tree, i] = state.offset_velocity[tree, i]
     if not _has_offset(scene, state, tree):
