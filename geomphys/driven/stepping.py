@@ -52,6 +52,7 @@ from geomphys.scene.kinematics import (
 
 Floats = NDArray[np.float64]
 
+NO_CHANGE = (0.0,) * 9  # of a rotation matrix
 SHALLOW = 2e-4  # m: overlap that iterates may have, if it is no more than `path_tolerance`
 
 
@@ -149,12 +150,16 @@ def measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, trave
     """Motion of the pieces of a tree between poses (B, 7), to `travel` (P,) TRAVEL; returns the largest [m]."""
     far = 0.0
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        rotation = rotation_between(before, after, body)
+        first, last = scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]
+        if first == last:
+            continue
+        rotation, rotation_change = rotation_between(before, after, body), NO_CHANGE
         path = sub(position_of(after, body), position_of(before, body))
-        rotation_change = rot_sub(
-            rot_from_quat(orientation_of(after, body)), rot_from_quat(orientation_of(before, body))
-        )
-        for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
+        if rotation > 0.0:
+            rotation_change = rot_sub(
+                rot_from_quat(orientation_of(after, body)), rot_from_quat(orientation_of(before, body))
+            )
+        for i in range(first, last):
             centre = vec_at(scene.pieces.body_centre, i)
             translation = add(path, rotate(rotation_change, centre)) if rotation > 0.0 else path
             set_vec(travel[i].translation, translation)
