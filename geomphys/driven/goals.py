@@ -22,12 +22,12 @@ from geomphys.driven.state import (
     DrivenState,
     DrivenWorkspace,
 )
-from geomphys.driven.stepping import copy_unlocked, is_within, pose_with_pieces, step_to_trial
+from geomphys.driven.stepping import copy_unlocked, is_within, step_to_trial
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import quat_rotate, sub
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import orientation_of, pose_tree, position_of, set_pose
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, position_of, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -54,14 +54,14 @@ def set_joint_limits(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angl
 
 
 @noinline
-def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> None:
-    """Fit a tree with joint offsets, in `goal`, to its targets, collisions ignored."""
+def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots: Floats, angles: Floats) -> bool:
+    """Fit a tree with joint offsets, in `goal`, to its targets, collisions ignored; returns whether its links are posed too."""
     work, goal, target = ws.work, ws.work.goal, ws.work.target
     root = scene.trees.body_start[tree]
     if scene.trees.body_start[tree + 1] == root + 1:
         q = orientation_of(target, root)
         set_pose(goal.roots, tree, sub(position_of(target, root), quat_rotate(q, vec_at(ws.links.centre, root))), q)
-        return
+        return False
     for other in range(len(work.mobility)):
         work.mobility[other] = GENERAL_MOTION if other == tree else LOCKED
     copy_tree(scene, state.last, tree, work.iterate)
@@ -84,16 +84,19 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
             break
         last = far
     copy_tree(scene, work.iterate, tree, goal)
+    return True
 
 
 @kernel
-def choose_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> None:
-    """Of equivalent angles (multiples of 2π apart) within limits, take those nearest to the recorded ones."""
+def choose_branch(scene: Scene, ws: DrivenWorkspace, tree: int, angles: Floats, posture: Posture) -> bool:
+    """Of equivalent angles (multiples of 2π apart) within limits, take the nearest to the recorded ones; whether any change."""
+    changed = False
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         revolutions = math.floor((angles[q] - posture.angles[q]) / (2.0 * math.pi) + 0.5)
         there = posture.angles[q] + revolutions * 2.0 * math.pi
         if ws.links.periodic[q] == 1 and revolutions != 0.0 and ws.work.low[q] <= there <= ws.work.high[q]:
-            posture.angles[q] = there
+            posture.angles[q], changed = there, True
+    return changed
 
 
 @noinline
@@ -103,14 +106,15 @@ def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floa
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
+        posed = False
         copy_pose(roots, tree, work.goal.roots, tree)
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             work.goal.angles[q] = angles[q]
         if state.prescription[tree] == PRESCRIBED:
             copy_tree(scene, state.prescribed_posture, tree, work.goal)
         elif state.general_motion[tree] == 1:
-            _fit(scene, state, ws, tree, roots, angles)
-            choose_branch(scene, ws, tree, angles, work.goal)
+            posed = _fit(scene, state, ws, tree, roots, angles)
+            posed = not choose_branch(scene, ws, tree, angles, work.goal) and posed
         else:
             for i in range(3):
                 if state.offset[tree, i] != 0.0:  # -0.0 + 0.0 would be 0.0
@@ -118,6 +122,8 @@ def set_goals(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floa
         for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             is_steady = abs(work.goal.angles[q] - work.extrapolated[q]) <= JUMP  # else it is on another branch
             work.preferred[q] = work.goal.angles[q] if is_steady else work.extrapolated[q]
-        pose_with_pieces(scene, ws, work.goal, tree)
+        if not posed:
+            pose_tree(scene, ws.origins, tree, work.goal.roots, work.goal.angles, work.goal.poses)
+        pose_pieces_of_tree(scene, tree, work.goal.poses, ws.piece_frames.frames)
     for tree in range(len(scene.trees.role)):
         work.mobility[tree] = TRANSLATION if scene.trees.role[tree] == DRIVEN else LOCKED

@@ -17,7 +17,7 @@ from geomphys.driven.reachability import FREE, clear_pairs, judge, list_pairs, m
 from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, STRAIGHT, Found, search
 from geomphys.driven.starts import choose_shallowest, choose_start
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, STARTED_FREE, TRANSLATION, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import copy_unlocked, pose_unlocked
+from geomphys.driven.stepping import copy_unlocked, pose_unlocked, pose_unlocked_pieces
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose, vec_at
 from geomphys.numerics.vec3 import norm, slerp, sub
@@ -138,19 +138,23 @@ def is_translated_too_far(scene: Scene, state: DrivenState, ws: DrivenWorkspace,
 
 @noinline
 def _search_straight(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
-    """Search from the free start in `SearchWorkspace.iterate`; its result must be reachable straight from the start of the step.
+    """Search from the free start in `SearchWorkspace.iterate`, whose links are posed; its result must be reachable straight from
+    the start of the step.
 
     Only where that fails is it required in every pass.
     """
     work = ws.work
     copy_unlocked(scene, ws, work.iterate, work.start)
-    pose_unlocked(scene, ws, work.iterate)
+    pose_unlocked_pieces(scene, ws, work.iterate)
     found = search(scene, ws, angles, gap, MAX_ITERATIONS, True, EVERY_STEP)
-    pose_unlocked(scene, ws, work.best)
+    for tree in range(len(work.mobility)):
+        if work.mobility[tree] == TRANSLATION:  # poses that were added to differ from those of the posture by rounding
+            pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
+    pose_unlocked_pieces(scene, ws, work.best)
     if judge(scene, ws, work.best) == FREE:
         return found
     copy_unlocked(scene, ws, work.start, work.iterate)
-    pose_unlocked(scene, ws, work.iterate)
+    pose_unlocked_pieces(scene, ws, work.iterate)
     again = search(scene, ws, angles, gap, MAX_ITERATIONS, True, STRAIGHT)
     return Found(again.free, found.iterations + again.iterations, again.converged, again.rate_limited)
 
@@ -272,8 +276,9 @@ def solve_group(
         if work.mobility[tree] != LOCKED:
             shape_changed = shape_changed or (work.mobility[tree] == GENERAL_MOTION and is_rigid(scene, tree))
             work.blocked[tree] = 0
-            choose_branch(scene, ws, tree, angles, work.best)
-            pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
+            changed = choose_branch(scene, ws, tree, angles, work.best)
+            if changed or fallbacks > 0 or work.mobility[tree] == TRANSLATION:
+                pose_tree(scene, ws.origins, tree, work.best.roots, work.best.angles, work.best.poses)
             set_final_posture(scene, state, ws, tree, work.best)
             store_method(state, tree, fallbacks)
     return Outcome(iterations, fallbacks, converged, shape_changed)

@@ -27,11 +27,12 @@ from geomphys.driven.advancement import is_separated_on_path, path_is_free
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
-from geomphys.driven.stepping import clear_travel, find_unlocked_pairs, measure_travel, pair_travel, pose_with_pieces
+from geomphys.driven.stepping import clear_travel, find_unlocked_pairs, measure_travel, pair_travel
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec_at, vec_at, vec_of
 from geomphys.numerics.vec3 import norm
 from geomphys.scene.arrays import DRIVEN, Scene
+from geomphys.scene.kinematics import pose_pieces_of_tree
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +129,7 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
         work.covered[tree] = 0.0
         set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
         if work.mobility[tree] != LOCKED:
-            pose_with_pieces(scene, ws, work.goal, tree)
+            pose_pieces_of_tree(scene, tree, work.goal.poses, p.frames)
             update_boxes(scene, p.frames, ws.detection.boxes, tree)
             far = measure_travel(scene, work.before.poses, work.goal.poses, tree, work.travel)
             work.covered[tree] = LISTED_FACTOR * far + MARGIN

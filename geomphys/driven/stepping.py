@@ -339,8 +339,8 @@ def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
 
 @kernel
 def _step_length_within(before: float, after: float, most: float) -> float:
-    """The step length after which a distance, convex along it, is `most`, or as it was; 1: it stays below."""
-    if after <= most or after <= before + 1e-9:
+    """The step length after which a distance, convex along it and `after` above `most`, is `most`, or as it was."""
+    if after <= before + 1e-9:
         return 1.0
     return max(most - before, 0.0) / (after - before)
 
@@ -354,11 +354,10 @@ def step_length_within_rate(scene: Scene, ws: DrivenWorkspace) -> float:
         if work.mobility[tree] == LOCKED or deviation_limit == math.inf:
             continue
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            before, after = (
-                distance_from_path(ws, work.iterate.poses, body),
-                distance_from_path(ws, work.trial.poses, body),
-            )
-            step_length = min(step_length, _step_length_within(before, after, deviation_limit))
+            after = distance_from_path(ws, work.trial.poses, body)
+            if after > deviation_limit:
+                before = distance_from_path(ws, work.iterate.poses, body)
+                step_length = min(step_length, _step_length_within(before, after, deviation_limit))
     return step_length
 
 

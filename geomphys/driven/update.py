@@ -44,13 +44,13 @@ from geomphys.driven.state import (
     DrivenState,
     DrivenWorkspace,
 )
-from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
+from geomphys.driven.stepping import measure_near_pairs
 from geomphys.driven.targets import clear_offsets, set_link_targets, store_offsets
 from geomphys.driven.tremor import filter_tremor
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose
 from geomphys.scene.arrays import DRIVEN, Scene
-from geomphys.scene.kinematics import orientation_of, set_pose
+from geomphys.scene.kinematics import orientation_of, pose_pieces_of_tree, pose_tree, set_pose
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +99,11 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
                 work.blocked[a] = work.blocked[b] = 1
                 work.group[a] = work.group[b] = min(work.group[a], work.group[b])
                 changed = True
+    several, first = False, -1
+    for tree in range(len(work.mobility)):
+        if scene.trees.role[tree] == DRIVEN and work.blocked[tree] == 1:
+            first = work.group[tree] if first < 0 else first
+            several = several or work.group[tree] != first
     for tree in range(len(work.mobility)):
         if scene.trees.role[tree] != DRIVEN:
             continue
@@ -107,8 +112,10 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
         else:
             for target in (work.iterate, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)
-            pose_with_pieces(scene, ws, work.before, tree)
-            update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
+            pose_tree(scene, ws.origins, tree, work.before.roots, work.before.angles, work.before.poses)
+            if several:  # a group that is solved alone is posed where it is solved
+                pose_pieces_of_tree(scene, tree, work.before.poses, ws.piece_frames.frames)
+                update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
     return some
 
 
