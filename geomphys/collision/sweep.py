@@ -6,6 +6,7 @@ floor, a wall), which would make every interval long, are listed separately and 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +16,15 @@ from geomphys.collision.support import core_of, radius_of, shapes_of, support
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.packed_records import pack
 from geomphys.numerics.quantiles import median
-from geomphys.numerics.vec3 import neg
+from geomphys.numerics.row_vectors import set_vec_at, vec_at
+from geomphys.numerics.vec3 import Rot, Vec, add, neg, sub
 from geomphys.scene.arrays import CAPSULE, CYLINDER, SPHERE, Pieces, Scene
+from geomphys.scene.kinematics import frame_position, frame_rotation
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+EMPTY_LOW, EMPTY_HIGH = (math.inf, math.inf, math.inf), (-math.inf, -math.inf, -math.inf)  # an empty box
 WIDE = 4.0  # a tree wider than this many median widths is listed separately
 
 
@@ -86,34 +90,62 @@ def make_boxes(scene: Scene, frames: Floats) -> Boxes:
     )
 
 
+@kernel
+def _half_extents(kind: int, r: Rot, half: Vec) -> Vec:
+    """Half extents [m] along the axes of the world of a piece with half extents `half` in its own frame, rotated by `r`."""
+    if kind == SPHERE:
+        return half[0], half[0], half[0]
+    if kind == CAPSULE:
+        across, along = half[0], half[2] - half[0]
+        return across + abs(r[2]) * along, across + abs(r[5]) * along, across + abs(r[8]) * along
+    if kind == CYLINDER:
+        return (
+            half[0] * math.sqrt(max(0.0, 1.0 - r[2] * r[2])) + abs(r[2]) * half[2],
+            half[0] * math.sqrt(max(0.0, 1.0 - r[5] * r[5])) + abs(r[5]) * half[2],
+            half[0] * math.sqrt(max(0.0, 1.0 - r[8] * r[8])) + abs(r[8]) * half[2],
+        )
+    return (
+        abs(r[0]) * half[0] + abs(r[1]) * half[1] + abs(r[2]) * half[2],
+        abs(r[3]) * half[0] + abs(r[4]) * half[1] + abs(r[5]) * half[2],
+        abs(r[6]) * half[0] + abs(r[7]) * half[1] + abs(r[8]) * half[2],
+    )
+
+
+@kernel
+def _least(a: Vec, b: Vec) -> Vec:
+    """The smaller of each of the coordinates."""
+    return (min(a[0], b[0]), min(a[1], b[1]), min(a[2], b[2]))
+
+
+@kernel
+def _most(a: Vec, b: Vec) -> Vec:
+    """The larger of each of the coordinates."""
+    return (max(a[0], b[0]), max(a[1], b[1]), max(a[2], b[2]))
+
+
 @noinline
 def update_boxes(scene: Scene, frames: Floats, boxes: Boxes, tree: int) -> None:
     """Recompute the boxes of the pieces and bodies of `tree` and of itself; empty ones become (inf, -inf)."""
-    for k in range(3):
-        boxes.tree_low[tree, k], boxes.tree_high[tree, k] = np.inf, -np.inf
+    tree_low, tree_high = EMPTY_LOW, EMPTY_HIGH
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        for k in range(3):
-            boxes.body_low[body, k], boxes.body_high[body, k] = np.inf, -np.inf
+        body_low, body_high = EMPTY_LOW, EMPTY_HIGH
         for i in range(scene.bodies.piece_start[body], scene.bodies.piece_start[body + 1]):
-            for k in range(3):
-                r0, r1, r2 = frames[i, 3 * k], frames[i, 3 * k + 1], frames[i, 3 * k + 2]
-                c, h = boxes.local_centre[i], boxes.local_half[i]
-                middle = frames[i, 9 + k] + r0 * c[0] + r1 * c[1] + r2 * c[2]
-                if scene.pieces.kind[i] == SPHERE:
-                    reach = h[0]
-                elif scene.pieces.kind[i] == CAPSULE:
-                    reach = h[0] + abs(r2) * (h[2] - h[0])
-                elif scene.pieces.kind[i] == CYLINDER:
-                    reach = h[0] * np.sqrt(max(0.0, 1.0 - r2 * r2)) + abs(r2) * h[2]
-                else:
-                    reach = abs(r0) * h[0] + abs(r1) * h[1] + abs(r2) * h[2]
-                low, high = middle - reach, middle + reach
-                boxes.piece_low[i, k], boxes.piece_high[i, k] = low, high
-                boxes.body_low[body, k] = min(boxes.body_low[body, k], low)
-                boxes.body_high[body, k] = max(boxes.body_high[body, k], high)
-        for k in range(3):
-            boxes.tree_low[tree, k] = min(boxes.tree_low[tree, k], boxes.body_low[body, k])
-            boxes.tree_high[tree, k] = max(boxes.tree_high[tree, k], boxes.body_high[body, k])
+            r, p, c = frame_rotation(frames, i), frame_position(frames, i), vec_at(boxes.local_centre, i)
+            middle = (
+                p[0] + r[0] * c[0] + r[1] * c[1] + r[2] * c[2],
+                p[1] + r[3] * c[0] + r[4] * c[1] + r[5] * c[2],
+                p[2] + r[6] * c[0] + r[7] * c[1] + r[8] * c[2],
+            )
+            reach = _half_extents(scene.pieces.kind[i], r, vec_at(boxes.local_half, i))
+            low, high = sub(middle, reach), add(middle, reach)
+            set_vec_at(boxes.piece_low, i, low)
+            set_vec_at(boxes.piece_high, i, high)
+            body_low, body_high = _least(body_low, low), _most(body_high, high)
+        set_vec_at(boxes.body_low, body, body_low)
+        set_vec_at(boxes.body_high, body, body_high)
+        tree_low, tree_high = _least(tree_low, body_low), _most(tree_high, body_high)
+    set_vec_at(boxes.tree_low, tree, tree_low)
+    set_vec_at(boxes.tree_high, tree, tree_high)
 
 
 @kernel
