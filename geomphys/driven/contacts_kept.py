@@ -38,9 +38,21 @@ def store_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) ->
     work.counts.touches = max(work.counts.touches, i + 1)
 
 
+@kernel
+def _known_gap(ws: DrivenWorkspace, tip: int, body: int) -> float:
+    """The smallest gap [m] found so far of a tip and a body; inf: none."""
+    for i in range(ws.work.counts.touches):
+        if ws.work.touches[i].tip == tip and ws.work.touches[i].body == body:
+            return float(ws.work.touches[i].gap)
+    return math.inf
+
+
 @noinline
 def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
-    """Recorded contacts of tips of chains, from the near pairs of the recorded poses, which are measured as needed."""
+    """Recorded contacts of tips of chains, from the near pairs of the recorded poses, which are measured as needed.
+
+    Those of a tip and a body are measured only as far as the nearest of them so far.
+    """
     ws.work.counts.touches = 0
     for k in range(near.counts.filled):
         body_a, body_b = scene.pieces.body[near.a[k]], scene.pieces.body[near.b[k]]
@@ -49,10 +61,11 @@ def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
         tip = ws.links.weld_body[body_a]
         if ws.links.tip[tip] == 0:
             continue
-        s = measure_near(
-            scene.pieces, ws.piece_frames.base, k, RECORDED_ON, near, ws.detection.axes, ws.detection.scratch
-        )
-        if s <= RECORDED_ON:
+        limit = min(RECORDED_ON, _known_gap(ws, tip, body_b))
+        if near.separation[k] > limit:
+            continue
+        s = measure_near(scene.pieces, ws.piece_frames.base, k, limit, near, ws.detection.axes, ws.detection.scratch)
+        if s <= limit:
             store_touch(ws, tip, body_b, s, vec_at(near.normal, k))
 
 
@@ -121,7 +134,8 @@ def list_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
 def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
     """Measure, within `limit` [m], the nearest of the near pairs of each tip with the body that it touched in the recording.
 
-    Those with the least bounds first, until one that is measured is nearer than the bounds of the others.
+    Those with the least bounds first, until one that is measured is nearer than the bounds of the others; none farther than
+    the nearest so far.
     """
     work, near = ws.work, ws.near
     for i in range(work.counts.touches):
@@ -129,15 +143,18 @@ def measure_touches(scene: Scene, ws: DrivenWorkspace, limit: float) -> None:
         if work.mobility[scene.bodies.tree[tip]] != GENERAL_MOTION:
             continue
         while True:
-            first, least = -1, limit
+            first, least, nearest = -1, limit, limit
             for j in range(work.counts.touch_pairs):
                 k = work.touch_pairs[j]
-                if near.separation[k] < least and _is_touch(scene, ws, k, tip, other):
-                    first, least = k, near.separation[k]
+                if near.separation[k] < nearest and _is_touch(scene, ws, k, tip, other):
+                    if near.exact[k] == 1:
+                        nearest = near.separation[k]
+                    if near.separation[k] < least:
+                        first, least = k, near.separation[k]
             if first < 0 or near.exact[first] == 1:
                 break
             measure_near(
-                scene.pieces, ws.piece_frames.frames, first, limit, near, ws.detection.axes, ws.detection.scratch
+                scene.pieces, ws.piece_frames.frames, first, nearest, near, ws.detection.axes, ws.detection.scratch
             )
 
 
