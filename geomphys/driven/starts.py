@@ -15,7 +15,7 @@ from geomphys.driven.objective import pivot_of, tree_cost
 from geomphys.driven.postures import Posture
 from geomphys.driven.reachability import FREE, find_reference_body, judge, measure_swept_pairs
 from geomphys.driven.state import GENERAL_MOTION, LOCKED, DrivenState, DrivenWorkspace
-from geomphys.driven.stepping import copy_unlocked, pose_unlocked
+from geomphys.driven.stepping import copy_unlocked, pose_unlocked_links, pose_unlocked_pieces
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.vec3 import (
     Quat,
@@ -131,33 +131,39 @@ def _cost(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> float:
 def _pose_start(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, kind: int
 ) -> bool:
-    """Pose the starts of one kind of the trees being solved; False if there are none."""
+    """Pose the links of the starts of one kind of the trees being solved; False if there are none."""
     work, some = ws.work, False
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
             some = _make_start(scene, state, ws, tree, roots, angles, kind) or some
     if some:
-        pose_unlocked(scene, ws, work.start)
+        pose_unlocked_links(scene, ws, work.start)
     return some
 
 
 @noinline
 def choose_start(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats) -> bool:
     """The free and certified start nearest to the targets, into `SearchWorkspace.iterate`; whether there is one."""
-    work, best = ws.work, math.inf
+    work, best, cost_of_last = ws.work, math.inf, math.inf
     work.counts.reference_body = -1
     for i in range(ALONG + 2):
         kind = i if i <= ALONG else LAST  # judged at the end: mostly that along with a body is better
+        if i > ALONG and cost_of_last >= best:
+            break
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
         cost = _cost(scene, ws, work.start)
         if i == LAST:
             if cost > CLEARLY * best:  # nor is that along with a body much better then
                 break
+            cost_of_last = cost
+            pose_unlocked_pieces(scene, ws, work.start)
             work.counts.reference_body = find_reference_body(scene, ws, work.start)
-        elif cost < best and judge(scene, ws, work.start) == FREE:
-            best = cost
-            copy_unlocked(scene, ws, work.start, work.iterate)
+        elif cost < best:
+            pose_unlocked_pieces(scene, ws, work.start)
+            if judge(scene, ws, work.start) == FREE:
+                best = cost
+                copy_unlocked(scene, ws, work.start, work.iterate)
     return best < math.inf
 
 
@@ -168,6 +174,7 @@ def choose_shallowest(scene: Scene, state: DrivenState, ws: DrivenWorkspace, roo
     for kind in range(ALONG + 1):
         if not _pose_start(scene, state, ws, roots, angles, kind):
             continue
+        pose_unlocked_pieces(scene, ws, ws.work.start)
         least = measure_swept_pairs(scene, ws, ws.work.start)
         if least > shallowest:
             shallowest = least

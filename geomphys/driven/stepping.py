@@ -64,6 +64,14 @@ def pose_with_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture, tree: 
 
 
 @noinline
+def pose_unlocked_links(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+    """Pose the links of the trees being solved."""
+    for tree in range(len(ws.work.mobility)):
+        if ws.work.mobility[tree] != LOCKED:
+            pose_tree(scene, ws.origins, tree, posture.roots, posture.angles, posture.poses)
+
+
+@noinline
 def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
     """Pose the trees being solved, and their pieces."""
     for tree in range(len(ws.work.mobility)):
