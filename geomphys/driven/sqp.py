@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import approximate_separation, measure_near, pair_separation, separation_bound
-from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
+from geomphys.driven.advancement import is_separated_on_path, pair_motion, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
     CONTACT_DISTANCE,
     add_cones,
@@ -100,6 +100,16 @@ class Found(NamedTuple):
     rate_limited: bool  # stopped by the rate limit
 
 
+@kernel
+def _straight_path_is_free(scene: Scene, ws: DrivenWorkspace, a: int, b: int, bound: tuple[float, Vec]) -> bool:
+    """Whether two pieces get straight from the start of the step to the trial, where `bound` is as in `is_separated_on_path`."""
+    before, trial, p = ws.work.before.poses, ws.work.trial.poses, ws.piece_frames
+    motion, _ = pair_motion(scene, before, trial, a, b)
+    if bound[0] >= 0.0 and is_separated_on_path(scene, before, trial, a, b, bound, motion, p.before):
+        return True
+    return path_is_free(scene, before, trial, a, b, p.moved, ws.detection.axes, ws.detection.scratch)
+
+
 @noinline
 def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_known: bool) -> tuple[bool, float]:
     """Whether the paths of all near pairs from the iterate to the trial, `far` [m] at most, are certified.
@@ -143,9 +153,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
             scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
             return False, least
-        if mode == STRAIGHT and not path_is_free(
-            scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
-        ):  # fmt: skip
+        if mode == STRAIGHT and not _straight_path_is_free(scene, ws, a, b, (trial_separation, n)):
             return False, least
     return True, least
 
