@@ -1,4 +1,4 @@
-"""Many byte strings in one array, and the compiled loops that write columns of them, of numbers and of lengths side by side."""
+"""Many byte strings in one array, and the compiled loop that writes columns of them side by side."""
 
 from __future__ import annotations
 
@@ -53,6 +53,13 @@ class ByteStrings(Sequence[bytes]):
             np.concatenate([part.length for part in parts]),
         )
 
+    def grouped(self, counts: Ints) -> ByteStrings:
+        """So many (k,) of the strings one after another as one each; they must lie one after another in the content."""
+        first = np.cumsum(counts) - counts
+        ends = np.concatenate([np.zeros(1, np.int64), np.cumsum(self.length)])
+        begin = ends[first] + (self.begin[0] if len(self) else 0)
+        return ByteStrings(self.content, begin, ends[first + counts] - ends[first])
+
     def __len__(self) -> int:
         return len(self.begin)
 
@@ -99,46 +106,3 @@ def write_strings(content: Bytes, begin: Ints, length: Ints, out: Bytes, at: Int
         for j in range(len(target)):
             target[j] = source[j]
         at[i] = k + size
-
-
-@kernel
-def write_doubles(tag: int, values: Ints, out: Bytes, at: Ints) -> None:
-    """Write fields of protobuf with 64 bits (n or 1,) to `out` from `at` (n,) on, which is moved behind them.
-
-    Those of zero are left out.
-    """
-    for i in range(len(at)):
-        value, k = values[i if len(values) > 1 else 0], at[i]
-        if value == 0:
-            continue
-        if tag >= 0x80:
-            out[k] = tag & 0x7F | 0x80
-            k += 1
-        out[k] = tag >> 7 if tag >= 0x80 else tag
-        target = out[k + 1 : k + 9]
-        for j in range(8):
-            target[j] = (value >> (8 * j)) & 0xFF
-        at[i] = k + 9
-
-
-@kernel
-def write_varints(tag: int, values: Ints, with_zero: bool, out: Bytes, at: Ints) -> None:
-    """Write fields of protobuf with whole numbers (n or 1,) to `out` from `at` (n,) on, which is moved behind them.
-
-    7 bits a byte, lowest first, negative ones as of 64 bits; those of zero only `with_zero`.
-    """
-    for i in range(len(at)):
-        value, k = values[i if len(values) > 1 else 0], at[i]
-        if value == 0 and not with_zero:
-            continue
-        if tag >= 0x80:
-            out[k] = tag & 0x7F | 0x80
-            k += 1
-        out[k] = tag >> 7 if tag >= 0x80 else tag
-        k += 1
-        while value < 0 or value >= 0x80:
-            out[k] = value & 0x7F | 0x80
-            value = (value >> 7) & 0x1FFFFFFFFFFFFFF
-            k += 1
-        out[k] = value
-        at[i] = k + 1

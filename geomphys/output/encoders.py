@@ -21,7 +21,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from numpy.typing import NDArray
 
-from geomphys.output.byte_strings import ByteStrings, side_by_side
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.cdr import HEADER, NS_PER_S, CdrWriter
 from geomphys.output.contact_arrows import arrow_lengths, arrow_orientations
 from geomphys.output.frame_columns import RaggedContacts, RaggedPenetrations
@@ -34,7 +34,7 @@ from geomphys.output.proto.geomphys_pb2 import (
     Stage,
     Timing,
 )
-from geomphys.output.protobuf_columns import Rows, array_rows, constant, message, stamps, strings
+from geomphys.output.protobuf_columns import Rows, message, stamps
 from geomphys.output.urdf_description import WORLD
 from geomphys.results import METHODS
 
@@ -70,21 +70,21 @@ class TransformsEncoder:
     """
 
     def __init__(self, children: Sequence[str]) -> None:
-        self._children = strings([child.encode() for child in children])
+        names = ByteStrings.of([child.encode() for child in children])
+        self._names = message(FrameTransform, parent_frame_id=WORLD.encode(), child_frame_id=names).split()
         self._count = len(children)
 
     def encode(self, poses: Floats, times_ns: Ints) -> ByteStrings:
         """The messages with world poses (n, m, 7), position [m] and quaternion x y z w, at times (n,)."""
         frames = np.repeat(np.arange(len(poses)), self._count)
-        rows = message(
+        heads = message(FrameTransform, timestamp=stamps(times_ns)).split()
+        pose = message(
             FrameTransform,
-            timestamp=stamps(times_ns).take(frames),
-            parent_frame_id=WORLD.encode(),
-            child_frame_id=self._children.take(np.tile(np.arange(self._count), len(poses))),
             translation=_vectors(poses[..., :3].reshape(-1, 3)),
             rotation=_vectors(poses[..., 3:].reshape(-1, 4)),
         )
-        return message(FrameTransforms, transforms=rows).split(np.full(len(poses), self._count))
+        transforms = Rows.beside([heads[frames], self._names[np.tile(np.arange(self._count), len(poses))], pose])
+        return message(FrameTransforms, transforms=transforms).split(np.full(len(poses), self._count))
 
 
 class JointStateEncoder:
@@ -103,9 +103,8 @@ class JointStateEncoder:
 
     def encode(self, positions: Floats, times_ns: Ints) -> ByteStrings:
         """The messages with `positions` (n, q) [rad or m] at times (n,)."""
-        stamp = array_rows(np.stack(np.divmod(times_ns, NS_PER_S), axis=1).astype(np.uint32))
-        parts = [constant(HEADER), stamp, constant(self._names), array_rows(positions), constant(bytes(8))]
-        return Rows.beside(parts).split()
+        stamp = ByteStrings.of_rows(np.stack(np.divmod(times_ns, NS_PER_S), axis=1).astype(np.uint32))
+        return Rows.beside([HEADER, stamp, self._names, ByteStrings.of_rows(positions), bytes(8)]).split()
 
 
 def encode_string(text: str) -> bytes:
@@ -125,7 +124,7 @@ class ContactPointsEncoder:
         layout.pose.orientation.w = 1.0
         for name, (_, offset, *_) in (self.POINT.fields or {}).items():
             layout.fields.add(name=name, offset=offset, type=PackedElementField.FLOAT32)
-        self._layout = constant(layout.SerializeToString())
+        self._layout = layout.SerializeToString()
 
     def encode(self, contacts: RaggedContacts, times_ns: Ints) -> ByteStrings:
         """The messages of frames at times (n,)."""
@@ -135,9 +134,8 @@ class ContactPointsEncoder:
         points["nx"], points["ny"], points["nz"] = columns.normal.T
         points["depth"], points["body_a"], points["body_b"] = columns.depth, columns.body_a, columns.body_b
         time = message(PointCloud, timestamp=stamps(times_ns))
-        tail = message(PointCloud, data=constant(b"").followed_by(points.itemsize * counts))
-        heads = Rows.beside([time, self._layout, tail]).split()
-        return side_by_side(heads, array_rows(points).split(counts))
+        data = message(PointCloud, data=ByteStrings.of_rows(points).grouped(counts))
+        return Rows.beside([time, self._layout, data]).split()
 
 
 class ContactArrowsEncoder:
@@ -163,23 +161,23 @@ class ContactArrowsEncoder:
         )
         tails = message(SceneEntity, arrows=arrows).split(counts)
         entity = message(SceneEntity, timestamp=stamps(times_ns), frame_id=WORLD.encode(), id=b"contacts")
-        return side_by_side(message(SceneUpdate, entities=entity.followed_by(tails.length)).split(), tails)
+        return message(SceneUpdate, entities=Rows.beside([entity, tails])).split()
 
 
 class FrameEncoder:
     """The channels with numbers of frames: contacts, penetration depths, metrics, stage times, and log lines."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._names = strings([name.encode() for name in names])
-        self._methods = strings([name.encode() for name in METHODS])
+        self._names = ByteStrings.of([name.encode() for name in names])
+        self._methods = ByteStrings.of([name.encode() for name in METHODS])
 
     def contacts(self, contacts: RaggedContacts, frames: Ints, times_ns: Ints) -> ByteStrings:
         """geomphys.Contacts of frames (n,) at times (n,)."""
         columns, counts = contacts
         rows = message(
             Contact,
-            body_a=self._names.take(columns.body_a),
-            body_b=self._names.take(columns.body_b),
+            body_a=self._names[columns.body_a],
+            body_b=self._names[columns.body_b],
             point=_vectors(columns.point),
             normal=_vectors(columns.normal),
             depth=columns.depth,
@@ -193,12 +191,12 @@ class FrameEncoder:
         columns, counts = pairs
         rows = message(
             PairPenetration,
-            body_a=self._names.take(columns.body_a),
-            body_b=self._names.take(columns.body_b),
+            body_a=self._names[columns.body_a],
+            body_b=self._names[columns.body_b],
             pd=_vectors(columns.pd),
             convex_pairs=columns.convex_pairs,
             largest=columns.largest,
-            method=self._methods.take(columns.method),
+            method=self._methods[columns.method],
         )
         return _with_rows(PenetrationDepths, frames, times_ns, counts, pairs=rows)
 
@@ -211,7 +209,7 @@ class FrameEncoder:
         n = len(frames)
         rows = message(
             Stage,
-            name=strings([name.encode() for name in stages]).take(np.tile(np.arange(len(stages)), n)),
+            name=ByteStrings.of([name.encode() for name in stages])[np.tile(np.arange(len(stages)), n)],
             ns=ns.ravel(),
             count=counts.ravel(),
         )
@@ -233,5 +231,5 @@ def _vectors(values: Floats) -> Rows:
 
 def _with_rows(kind: type[Message], frames: Ints, times_ns: Ints, counts: Ints, **rows: Rows) -> ByteStrings:
     """Messages of frames (n,) at times (n,), each with `counts` (n,) of the rows of one repeated field."""
-    heads = message(kind, timestamp=stamps(times_ns), frame=frames).split()
-    return side_by_side(heads, message(kind, **rows).split(counts))
+    head = message(kind, timestamp=stamps(times_ns), frame=frames)
+    return Rows.beside([head, message(kind, **rows).split(counts)]).split()

@@ -2,11 +2,14 @@
 
 The bytes are those that the protobuf package writes for messages of proto3: fields in the order of their numbers, numbers of
 value zero and empty strings left out. The package builds a message field by field in Python, which took a third of a replay.
+
+Rows are written backwards, from the last byte of the last one on: so the length of a message is known where it is written.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import struct
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,7 +19,8 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from geomphys.output.byte_strings import Bytes, ByteStrings, write_doubles, write_strings, write_varints
+from geomphys.jit.kernel import kernel
+from geomphys.output.byte_strings import Bytes, ByteStrings, bytes_array
 
 Ints = NDArray[np.int64]
 
@@ -41,123 +45,219 @@ _WIRE_TYPES = {
 }
 """Kinds of fields that are encoded here."""
 
-
-class _Doubles(NamedTuple):
-    """A field of numbers of 64 bits, left out where they are zero."""
-
-    tag: int
-    values: Ints  # (n or 1,) their bits
-
-    def lengths(self) -> Ints:
-        lengths: Ints = (_tag_length(self.tag) + 8) * (self.values != 0)
-        return lengths
-
-    def take(self, index: Ints) -> _Doubles:
-        return _Doubles(self.tag, _taken(self.values, index))
-
-    def write(self, out: Bytes, at: Ints) -> None:
-        write_doubles(self.tag, self.values, out, at)
+VARINT_BYTES = 10
+"""Most bytes of a whole number, of a tag and of a length."""
 
 
-class _Varints(NamedTuple):
-    """A field of whole numbers."""
+class _Numbers(NamedTuple):
+    """A field of numbers, left out where they are zero."""
 
     tag: int
-    values: Ints  # (n or 1,)
-    with_zero: bool  # else it is left out where they are zero
+    values: NDArray[Any]  # (n,)
 
-    def lengths(self) -> Ints:
-        length = _tag_length(self.tag) + _varint_lengths(self.values)
-        return length if self.with_zero else length * (self.values != 0)
-
-    def take(self, index: Ints) -> _Varints:
-        return _Varints(self.tag, _taken(self.values, index), self.with_zero)
-
-    def write(self, out: Bytes, at: Ints) -> None:
-        write_varints(self.tag, self.values, self.with_zero, out, at)
+    @property
+    def is_double(self) -> bool:
+        return self.tag & 7 == _FIXED64
 
 
 class _Strings(NamedTuple):
-    """Bytes as they are."""
+    """A field of strings; with the tag 0 their bytes as they are."""
 
-    values: ByteStrings  # n or 1
-
-    def lengths(self) -> Ints:
-        return self.values.length
-
-    def take(self, index: Ints) -> _Strings:
-        return _Strings(self.values if len(self.values) == 1 else self.values[index])
-
-    def write(self, out: Bytes, at: Ints) -> None:
-        write_strings(self.values.content, self.values.begin, self.values.length, out, at)
+    tag: int
+    values: ByteStrings  # n
+    with_empty: bool  # else it is left out where they are empty
 
 
-Column = _Doubles | _Varints | _Strings
+class _Message(NamedTuple):
+    """A field of messages."""
+
+    tag: int
+    parts: tuple[_Part, ...]
+
+
+_Part = bytes | _Numbers | _Strings | _Message
 
 
 class Rows:
-    """n byte strings: `columns` side by side, each of n values, or of one that is in every row.
+    """n byte strings. Made by `message` and `Rows.beside`.
 
     Parameters
     ----------
-    columns : sequence of Column
-    own_lengths : (n or 1,) int
-        Bytes of each row, the sum of what the columns have.
-    following : (n,) int, optional
-        Bytes that the caller writes after each row: the length of what holds a row counts them.
+    parts : sequence of _Part
+        What is side by side in each row; `bytes` are the same in all.
     """
 
-    def __init__(self, columns: Sequence[Column], own_lengths: Ints, following: Ints | None = None) -> None:
-        self.columns, self.own_lengths, self.following = columns, own_lengths, following
+    def __init__(self, parts: Sequence[_Part]) -> None:
+        merged: list[_Part] = []
+        for part in parts:
+            before = merged[-1] if merged else None
+            if isinstance(part, bytes) and isinstance(before, bytes):
+                merged[-1] = before + part
+            else:
+                merged.append(part)
+        self.parts = tuple(merged)
 
     @staticmethod
-    def beside(parts: Sequence[Rows]) -> Rows:
-        """The rows of all parts side by side; the last may have bytes that follow."""
-        columns = [column for part in parts for column in part.columns]
-        return Rows(columns, _sum([part.own_lengths for part in parts]), parts[-1].following if parts else None)
-
-    def followed_by(self, following: Ints) -> Rows:
-        """The same rows, each with more bytes after it."""
-        return Rows(self.columns, self.own_lengths, following)
-
-    def take(self, index: Ints) -> Rows:
-        """Rows by their indices (m,)."""
-        return Rows([column.take(index) for column in self.columns], _taken(self.own_lengths, index))
-
-    def lengths(self) -> Ints:
-        """Bytes (n,) of each row, those that follow included; (1,) if all are the same."""
-        return self.own_lengths if self.following is None else self.own_lengths + self.following
+    def beside(columns: Sequence[Rows | ByteStrings | bytes]) -> Rows:
+        """Columns side by side, each of n strings, or of one that is in every row."""
+        parts: list[_Part] = []
+        for column in columns:
+            if isinstance(column, Rows):
+                parts += column.parts
+            elif isinstance(column, ByteStrings):
+                parts.append(column[0] if len(column) == 1 else _Strings(0, column, with_empty=True))
+            else:
+                parts.append(column)
+        return Rows(parts)
 
     def split(self, counts: Ints | None = None) -> ByteStrings:
         """The strings; with `counts` (k,), that many rows after another are one string."""
-        lengths = self.own_lengths
-        ends = np.cumsum(lengths)
-        content, at = np.empty(int(lengths.sum()), np.uint8), ends - lengths
-        for column in self.columns:
-            column.write(content, at)
-        if counts is not None:
-            ends = np.concatenate([[0], ends])[np.cumsum(counts)]
-            lengths = np.diff(ends, prepend=0)
-        return ByteStrings(content, ends - lengths, lengths)
+        sheet = _Sheet()
+        sheet.add(self.parts)
+        found = sheet.write()
+        return found if counts is None else found.grouped(counts)
 
 
-def constant(data: bytes) -> Rows:
-    """The same bytes in every row."""
-    return strings([data])
+class _Sheet:
+    """Columns as the kernel takes them."""
+
+    def __init__(self) -> None:
+        self.operations: list[tuple[int, int, int, int]] = []
+        self.literals = bytearray()
+        self.numbers: list[tuple[NDArray[Any], bool]] = []  # columns (n,), and whether they are doubles
+        self.contents: dict[int, tuple[Bytes, int]] = {}  # identity -> what strings are pieces of, and where it begins
+        self.row_bytes = 0  # most that a row takes but for its strings
+        self.string_bytes = 0  # of all rows
+
+    def add(self, parts: Sequence[_Part], depth: int = 0) -> None:
+        """Add what is side by side."""
+        for part in parts:
+            if isinstance(part, bytes):
+                self.operations.append((LITERAL, 0, len(self.literals), len(part)))
+                self.literals += part
+                self.row_bytes += len(part)
+            elif isinstance(part, _Numbers):
+                self.operations.append((DOUBLE if part.is_double else VARINT, part.tag, len(self.numbers), 0))
+                self.numbers.append((part.values, part.is_double))
+                self.row_bytes += 2 * VARINT_BYTES
+            elif isinstance(part, _Strings):
+                self.operations.append((STRING, part.tag, len(self.numbers), int(part.with_empty)))
+                content = part.values.content
+                _, start = self.contents.setdefault(id(content), (content, self._content_bytes()))
+                self.numbers += [(part.values.begin + start, False), (part.values.length, False)]
+                self.row_bytes += 2 * VARINT_BYTES
+                self.string_bytes += int(part.values.length.sum())
+            else:
+                self.operations.append((LENGTH, part.tag, depth, 0))
+                self.row_bytes += 2 * VARINT_BYTES
+                self.add(part.parts, depth + 1)
+                self.operations.append((END, 0, depth, 0))
+
+    def _content_bytes(self) -> int:
+        return sum(len(content) for content, _ in self.contents.values())
+
+    def write(self) -> ByteStrings:
+        """The rows."""
+        count = len(self.numbers[0][0]) if self.numbers else 1
+        values = np.empty((len(self.numbers), count), np.int64)
+        bits_of_doubles = values.view(np.float64)
+        for row, (column, is_double) in enumerate(self.numbers):
+            (bits_of_doubles if is_double else values)[row] = column
+        contents = [content for content, _ in self.contents.values()]
+        content = contents[0] if len(contents) == 1 else np.concatenate([np.zeros(0, np.uint8), *contents])
+        operations = np.array(self.operations, OPERATION)
+        out = np.empty(self.row_bytes * count + self.string_bytes, np.uint8)
+        begin, ends = np.empty(count + 1, np.int64), np.empty(len(operations), np.int64)
+        write_rows(operations, values, bytes_array(bytes(self.literals)), content, ends, out, begin)
+        return ByteStrings(out[begin[0] :], begin[:-1] - begin[0], np.diff(begin))
 
 
-def strings(texts: Sequence[bytes]) -> Rows:
-    """A row for each text."""
-    return _rows(_Strings(ByteStrings.of(texts)))
+OPERATION = np.dtype(
+    [
+        ("kind", np.int64),
+        ("tag", np.int64),  # 0: neither tag nor length is written
+        ("column", np.int64),  # of the values; of a literal where it begins, of a message its depth
+        ("extent", np.int64),  # bytes of a literal; of strings 1 if empty ones are written
+    ]
+)
+"""What is written of a row, in the order of its bytes."""
+
+DOUBLE, VARINT, STRING, LITERAL, LENGTH, END = range(6)
+"""Kinds of operations. A string takes two columns, where it begins and its length. LENGTH and END enclose a message."""
 
 
-def array_rows(values: NDArray[Any]) -> Rows:
-    """The little-endian bytes of each row of numbers (n, k), or of each record (n,)."""
-    return _rows(_Strings(ByteStrings.of_rows(values)))
+@kernel
+def write_rows(
+    operations: NDArray[np.void], values: Ints, literals: Bytes, content: Bytes, ends: Ints, out: Bytes, begin: Ints
+) -> None:
+    """Write rows to the end of `out`, from the last byte on.
+
+    Parameters
+    ----------
+    operations : (o,) OPERATION
+    values : (m, n)
+        Of the columns; bits of doubles.
+    literals, content
+        Pieces of these are written.
+    ends : (o,)
+        Workspace.
+    out
+        Large enough.
+    begin : (n + 1,)
+        Set to where each row begins in `out`, and the last one ends.
+    """
+    at = len(out)
+    begin[-1] = at
+    for row in range(values.shape[1] - 1, -1, -1) if len(values) > 0 else range(0, -1, -1):
+        for k in range(len(operations) - 1, -1, -1):
+            o = operations[k]
+            if o.kind == DOUBLE:
+                bits = values[o.column, row]
+                if bits != 0:
+                    at -= 8
+                    target = out[at : at + 8]
+                    for j in range(8):
+                        target[j] = (bits >> (8 * j)) & 0xFF
+                    at = put_varint(o.tag, out, at)
+            elif o.kind == VARINT:
+                if values[o.column, row] != 0:
+                    at = put_varint(o.tag, out, put_varint(values[o.column, row], out, at))
+            elif o.kind == STRING:
+                length = values[o.column + 1, row]
+                if length > 0 or o.extent == 1:
+                    at = put_bytes(content, values[o.column, row], length, out, at)
+                    if o.tag != 0:
+                        at = put_varint(o.tag, out, put_varint(length, out, at))
+            elif o.kind == LITERAL:
+                at = put_bytes(literals, o.column, o.extent, out, at)
+            elif o.kind == END:
+                ends[o.column] = at
+            else:
+                at = put_varint(o.tag, out, put_varint(ends[o.column] - at, out, at))
+        begin[row] = at
 
 
-def _rows(column: Column) -> Rows:
-    return Rows([column], column.lengths())
+@kernel
+def put_bytes(content: Bytes, begin: int, length: int, out: Bytes, end: int) -> int:
+    """Write a piece of `content` so that it ends before `end`; returns where it begins."""
+    target, source = out[end - length : end], content[begin : begin + length]  # slices: many bytes are copied at once
+    for j in range(len(target)):
+        target[j] = source[j]
+    return end - length
+
+
+@kernel
+def put_varint(value: int, out: Bytes, end: int) -> int:
+    """Write a whole number, 7 bits a byte, lowest first, negative ones as of 64 bits, before `end`; returns where it begins."""
+    size, rest = 1, (value >> 7) & 0x1FFFFFFFFFFFFFF
+    while rest > 0:
+        size, rest = size + 1, rest >> 7
+    begin = end - size
+    for k in range(begin, end - 1):
+        out[k] = value & 0x7F | 0x80
+        value = (value >> 7) & 0x1FFFFFFFFFFFFFF
+    out[end - 1] = value
+    return begin
 
 
 def message(kind: type[Message], **columns: Any) -> Rows:
@@ -168,27 +268,10 @@ def message(kind: type[Message], **columns: Any) -> Rows:
     kind
         The type.
     columns
-        Field name -> its values: of numbers an array (n,) or one number; of strings, bytes and messages `Rows`, or bytes
-        that are the same in all. A repeated field has one entry per row.
-
-    Returns
-    -------
-    Rows
-        A column with `followed_by` bytes goes last, and its length includes them.
+        Field name -> its values: of numbers an array (n,) or one number; of messages `Rows`; of these, strings and bytes
+        `ByteStrings`, or bytes that are the same in all. A repeated field has one entry per row.
     """
-    found: list[Rows] = []
-    for name, tag, wire, is_message in _fields(kind.DESCRIPTOR):
-        if name not in columns:
-            continue
-        value = columns[name]
-        if wire == _DELIMITED:
-            rows = value if isinstance(value, Rows) else constant(value)
-            found += [_rows(_Varints(tag, rows.lengths(), with_zero=is_message)), rows]
-        elif wire == _FIXED64:
-            found.append(_rows(_Doubles(tag, np.array(value, np.float64, ndmin=1).view(np.int64))))
-        else:
-            found.append(_rows(_Varints(tag, np.array(value, ndmin=1).astype(np.int64), with_zero=False)))
-    return Rows.beside(found)
+    return Rows([field.part(columns[field.name]) for field in _fields(kind.DESCRIPTOR) if field.name in columns])
 
 
 def stamps(times_ns: Ints) -> Rows:
@@ -197,42 +280,51 @@ def stamps(times_ns: Ints) -> Rows:
     return message(Timestamp, seconds=seconds, nanos=nanos)
 
 
-def _sum(lengths: Sequence[Ints]) -> Ints:
-    """The sum (n or 1,) of lengths (n or 1,), those of one first: n of them are added as seldom as can be."""
-    total: Ints = sum(sorted(lengths, key=len), np.zeros(1, np.int64))
-    return total
-
-
-def _taken(values: Ints, index: Ints) -> Ints:
-    return values if len(values) == 1 else values[index]
-
-
-def _varint_lengths(values: Ints) -> Ints:
-    """Bytes of whole numbers (n,)."""
-    unsigned, lengths = values.view(np.uint64), np.ones(len(values), np.int64)
-    for limit in range(7, 7 * -(-int(unsigned.max(initial=1)).bit_length() // 7), 7):
-        lengths += unsigned >= 1 << limit
-    return lengths
-
-
-def _tag_length(tag: int) -> int:
-    return 1 if tag < 0x80 else 2
+def _varint(value: int) -> bytes:
+    """The bytes of a whole number."""
+    value &= 0xFFFFFFFFFFFFFFFF
+    found = bytearray()
+    while value >= 0x80:
+        found.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*found, value])
 
 
 class _Field(NamedTuple):
     name: str
     tag: int
-    wire: int
     is_message: bool
+
+    def part(self, value: Any) -> _Part:
+        """The field with its values, see `message`."""
+        if self.tag & 7 != _DELIMITED:
+            values = np.asarray(value)
+            return self._number(values.item()) if values.size == 1 else _Numbers(self.tag, values)
+        if isinstance(value, Rows):
+            parts = value.parts
+            if not all(isinstance(part, bytes) for part in parts):
+                return _Message(self.tag, parts)
+            value = b"".join(part for part in parts if isinstance(part, bytes))
+        elif isinstance(value, ByteStrings):
+            if len(value) != 1:
+                return _Strings(self.tag, value, with_empty=self.is_message)
+            value = value[0]
+        return _varint(self.tag) + _varint(len(value)) + value if value or self.is_message else b""
+
+    def _number(self, value: float) -> bytes:
+        """The field with one number."""
+        bits = struct.pack("<d", value) if self.tag & 7 == _FIXED64 else _varint(int(value))
+        return _varint(self.tag) + bits if any(bits) else b""
 
 
 @cache
 def _fields(kind: Descriptor) -> tuple[_Field, ...]:
     """The fields of a type that can be encoded, in the order of their numbers."""
-    found = []
+    return tuple(_known_fields(kind))
+
+
+def _known_fields(kind: Descriptor) -> Iterator[_Field]:
     for field in sorted(kind.fields, key=lambda f: f.number):
         if field.type in _WIRE_TYPES:
-            wire = _WIRE_TYPES[field.type]
-            is_message = field.type == FieldDescriptor.TYPE_MESSAGE
-            found.append(_Field(field.name, field.number << 3 | wire, wire, is_message))
-    return tuple(found)
+            tag = field.number << 3 | _WIRE_TYPES[field.type]
+            yield _Field(field.name, tag, field.type == FieldDescriptor.TYPE_MESSAGE)

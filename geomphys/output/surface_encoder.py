@@ -10,8 +10,9 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from numpy.typing import NDArray
 
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.colours import GHOST, Colour, colours_of_trees
-from geomphys.output.protobuf_columns import Rows, message, stamps, strings
+from geomphys.output.protobuf_columns import Rows, message, stamps
 from geomphys.scene.arrays import DRIVEN
 from geomphys.scene.frame_ids import RECORDED_PREFIX
 from geomphys.scene.world import World
@@ -31,18 +32,18 @@ def encode_ghosts(world: World, time_ns: int) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _surfaces(world: World) -> Rows:
+def _surfaces(world: World) -> ByteStrings:
     """The entities, without their times."""
     palette = colours_of_trees(world.facts)
     entities: list[SceneEntity] = []
     for body, mesh in enumerate(world.triangles):
         colour = palette[world.tree_names[world.scene.bodies.tree[body]]]
         entities += _entity(world.body_names[body], world.frame_names[body], mesh, colour)
-    return strings([entity.SerializeToString(deterministic=True) for entity in entities])
+    return ByteStrings.of([entity.SerializeToString(deterministic=True) for entity in entities])
 
 
 @lru_cache(maxsize=1)
-def _ghosts(world: World) -> Rows:
+def _ghosts(world: World) -> ByteStrings:
     """The entities, without their times."""
     entities: list[SceneEntity] = []
     for body in np.flatnonzero(world.scene.bodies.role == DRIVEN):
@@ -50,7 +51,7 @@ def _ghosts(world: World) -> Rows:
         points = np.round(vertices - GHOST_INSET_M * _outward(vertices, faces), 7)  # m; no rounding of a library shows
         body_name, frame = RECORDED_PREFIX + world.body_names[body], RECORDED_PREFIX + world.frame_names[body]
         entities += _entity(body_name, frame, (points, faces), GHOST)
-    return strings([entity.SerializeToString(deterministic=True) for entity in entities])
+    return ByteStrings.of([entity.SerializeToString(deterministic=True) for entity in entities])
 
 
 def _outward(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -84,8 +85,8 @@ def _entity(
     yield entity
 
 
-def _serialized(entities: Rows, time_ns: int) -> bytes:
+def _serialized(entities: ByteStrings, time_ns: int) -> bytes:
     """The message; the time is the first field of an entity."""
     times = message(SceneEntity, timestamp=stamps(np.array([time_ns])))
     rows = message(SceneUpdate, entities=Rows.beside([times, entities]))
-    return rows.split(np.array([len(rows.lengths())]))[0]
+    return rows.split(np.array([len(entities)]))[0]

@@ -5,14 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given
 from hypothesis import strategies as st
 
+from geomphys.output.byte_strings import ByteStrings
 from geomphys.output.proto.geomphys_pb2 import Contact, Contacts, FrameMetrics, PairPenetration
-from geomphys.output.protobuf_columns import Rows, array_rows, constant, message, stamps, strings
+from geomphys.output.protobuf_columns import Rows, message, stamps
 
 DOUBLES = st.floats() | st.sampled_from([0.0, -0.0, float("nan"), float("-inf"), 5e-324])
 WHOLE = st.integers(0, 2**32 - 1) | st.sampled_from([0, 1, 127, 128, 2**14 - 1, 2**14])
@@ -62,12 +66,12 @@ def test_stamps(times: list[int]) -> None:
     )
 )
 def test_messages_in_messages_and_how_many_belong_together(frames: list[list[tuple[Any, ...]]]) -> None:
-    rows, names = [row for frame in frames for row in frame], strings([name.encode() for name in NAMES])
+    rows, names = [row for frame in frames for row in frame], ByteStrings.of([name.encode() for name in NAMES])
     a, b, pairs, x, z, depth = columns(rows, 6) if rows else [np.zeros(0, np.int64)] * 3 + [np.zeros(0)] * 3
     encoded = message(
         PairPenetration,
-        body_a=names.take(a),
-        body_b=names.take(b),
+        body_a=names[a],
+        body_b=names[b],
         pd=message(Vector3, x=x, z=z),
         convex_pairs=pairs,
         largest=depth,
@@ -86,11 +90,30 @@ def test_messages_in_messages_and_how_many_belong_together(frames: list[list[tup
 
 
 @given(st.lists(st.binary(max_size=300), min_size=1, max_size=6))
-def test_what_follows_is_counted_by_what_holds_it(parts: list[bytes]) -> None:
-    lengths = np.array([len(part) for part in parts])
-    heads = message(PointCloud, frame_id=b"world", data=constant(b"").followed_by(lengths)).split()
-    expected = [PointCloud(frame_id="world", data=part).SerializeToString() for part in parts]
-    assert [head + part for head, part in zip(heads, parts, strict=True)] == expected
+def test_strings_that_are_pieces_of_another(parts: list[bytes]) -> None:
+    pieces = ByteStrings.of([part for part in parts for part in (part[:7], part[7:])])
+    whole = pieces.grouped(np.full(len(parts), 2))
+    assert [*whole] == parts
+    assert [*pieces[2:].grouped(np.full(len(parts) - 1, 2))] == parts[1:]
+    clouds = message(PointCloud, frame_id=b"world", data=whole).split()
+    assert [*clouds] == [PointCloud(frame_id="world", data=part).SerializeToString() for part in parts]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_message_of_what_is_the_same_in_all_and_of_columns(count: int) -> None:
+    texts = [f"{k}" * 70 for k in range(count)]
+    names = message(SceneEntity, id=ByteStrings.of([text.encode() for text in texts])).split()
+    entity = Rows.beside([message(SceneEntity, timestamp=stamps(np.array([1]))), names])
+    expected = []
+    for text in texts:
+        update = SceneUpdate()
+        update.entities.add(id=text).timestamp.nanos = 1
+        expected.append(update.SerializeToString())
+    assert [*message(SceneUpdate, entities=entity).split()] == expected
+    depth = message(Contact, depth=1.0, point=message(Vector3, x=-0.0, y=0.0))
+    point = Contact(depth=1.0)
+    point.point.x = -0.0
+    assert [*depth.split()] == [point.SerializeToString()]
 
 
 def test_an_empty_message_in_a_message_is_there() -> None:
@@ -103,9 +126,9 @@ def test_an_empty_message_in_a_message_is_there() -> None:
 
 
 def test_rows_are_taken_and_put_side_by_side() -> None:
-    names = strings([b"", b"ab", b"cde"]).take(np.array([2, 0, 1]))
-    numbers = array_rows(np.array([[1, 2], [3, 4], [5, 6]], np.uint8))
-    assert [*Rows.beside([constant(b"-"), names, numbers]).split()] == [
+    names = ByteStrings.of([b"", b"ab", b"cde"])[np.array([2, 0, 1])]
+    numbers = ByteStrings.of_rows(np.array([[1, 2], [3, 4], [5, 6]], np.uint8))
+    assert [*Rows.beside([b"-", names, numbers]).split()] == [
         b"-cde\1\2",
         b"-\3\4",
         b"-ab\5\6",
