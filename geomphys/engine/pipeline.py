@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geomphys.config import Config
 from geomphys.driven.weights import WEIGHTS, Weights
+from geomphys.engine.block_motion import BlockMotionMeter
 from geomphys.engine.frame_buffer import Block
 from geomphys.engine.frame_results import MotionMeasures, results_of
 from geomphys.engine.grasps import GraspMeter
@@ -21,7 +22,6 @@ from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
 from geomphys.jit.stage_clock import start_clock
-from geomphys.numerics.motion_rates import MotionMeter
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_tree
@@ -77,13 +77,9 @@ class Pipeline:
         self.params = StepParameters(config.gap, config.max_impacts, method)
         self._last_ns: int | None = None
         self._reporter = FrameReporter()
-        self._meter = MotionMeter()
+        self._motion = BlockMotionMeter(world.scene, self.blocks[0].moving)
         self._grasps = GraspMeter(world)
         self._missed = MissedMotion(world.scene)
-        scene, moving = world.scene, self.blocks[0].moving
-        driven = scene.bodies.role[moving] == DRIVEN
-        self._driven = _rows_of(driven)
-        self._rigid = _rows_of(driven & (scene.trees.chains[scene.bodies.tree[moving]] == 0))  # of trees without chains
         self._overlaps = overlaps
         self._has_run = False
         self._at_work: OverlappedCall[int] | None = None
@@ -157,7 +153,7 @@ class Pipeline:
         """The frames that were computed, and those that their block could not take, which are begun again."""
         count = running.count.wait()
         frames, rest = running.frames[:count], running.frames[count:]
-        motion = self._measure_motion(frames, running.block)
+        motion = self._motion.add(frames, running.block)
         chunk = Chunk(frames, running.block, running.decode_ns, motion, running.flags[:count])
         self._last_ns = frames[-1].time_ns
         if not rest:
@@ -173,30 +169,6 @@ class Pipeline:
     def grasps(self) -> tuple[Grasp, ...]:
         """Outcomes so far of the simulated bodies that driven ones touched."""
         return self._grasps.grasps()
-
-    def _measure_motion(self, frames: list[Frame], block: Block) -> MotionMeasures:
-        """Motion in the frames that a block begins with."""
-        count = len(frames)
-        recorded, corrected = (poses[:count, self._driven, :3] for poses in (block.recorded, block.corrected))
-        times = np.array([frame.time_ns for frame in frames], dtype=np.int64)
-        positions = np.stack([recorded, corrected - recorded], axis=1)
-        speeds, jerks = (np.nan_to_num(rates, nan=0.0) for rates in self._meter.add(times, positions))
-        return MotionMeasures(
-            recorded_speed_m_s=speeds[:, 0],
-            correction_speed_m_s=speeds[:, 1],
-            recorded_jerk_m_s3=jerks[:, 0],
-            correction_jerk_m_s3=jerks[:, 1],
-            shape_change_rad=self._shape_change(block, count),
-        )
-
-    def _shape_change(self, block: Block, count: int) -> Floats:
-        """Largest rotation (n,) [rad] of a link of a driven tree without chains from its recorded orientation."""
-        recorded, corrected = (poses[:count, self._rigid, 3:] for poses in (block.recorded, block.corrected))
-        chord = np.minimum(
-            np.linalg.norm(corrected - recorded, axis=2), np.linalg.norm(corrected + recorded, axis=2)
-        )  # q and -q are one rotation
-        angles: Floats = 4.0 * np.arcsin(np.minimum(1.0, 0.5 * chord)).max(axis=1, initial=0.0)
-        return angles
 
     def _pose_as_recorded(self, frame: Frame, poses: Floats) -> None:
         """Set driven trees in `poses` (B, 7) to their recorded poses, which a frame that catches up has not reached."""
@@ -216,11 +188,3 @@ class Pipeline:
 def _stacked(rows: Sequence[Floats]) -> Floats:
     """Arrays (...) of one shape as one (n, ...); in half the time that `numpy.stack` takes."""
     return np.concatenate(rows).reshape(len(rows), *rows[0].shape)
-
-
-def _rows_of(mask: NDArray[np.bool_]) -> slice | Ints:
-    """Where a mask is set; a slice where that is one stretch, so that nothing has to be copied."""
-    rows = np.flatnonzero(mask)
-    if len(rows) and rows[-1] - rows[0] == len(rows) - 1:
-        return slice(int(rows[0]), int(rows[-1]) + 1)
-    return rows

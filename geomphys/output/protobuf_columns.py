@@ -46,7 +46,9 @@ _WIRE_TYPES = {
 """Kinds of fields that are encoded here."""
 
 VARINT_BYTES = 10
-"""Most bytes of a whole number, of a tag and of a length."""
+"""Most bytes of a whole number."""
+HEAD_BYTES = 8
+"""Most bytes of a tag and a length."""
 
 
 class _Numbers(NamedTuple):
@@ -139,17 +141,17 @@ class _Sheet:
             elif isinstance(part, _Numbers):
                 self.operations.append((DOUBLE if part.is_double else VARINT, part.tag, len(self.numbers), 0))
                 self.numbers.append((part.values, part.is_double))
-                self.row_bytes += 2 * VARINT_BYTES
+                self.row_bytes += len(_varint(part.tag)) + (8 if part.is_double else VARINT_BYTES)
             elif isinstance(part, _Strings):
                 self.operations.append((STRING, part.tag, len(self.numbers), int(part.with_empty)))
                 content = part.values.content
                 _, start = self.contents.setdefault(id(content), (content, self._content_bytes()))
                 self.numbers += [(part.values.begin + start, False), (part.values.length, False)]
-                self.row_bytes += 2 * VARINT_BYTES
+                self.row_bytes += HEAD_BYTES
                 self.string_bytes += int(part.values.length.sum())
             else:
                 self.operations.append((LENGTH, part.tag, depth, 0))
-                self.row_bytes += 2 * VARINT_BYTES
+                self.row_bytes += HEAD_BYTES
                 self.add(part.parts, depth + 1)
                 self.operations.append((END, 0, depth, 0))
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from geomphys.config import Config
+from geomphys.engine.block_motion import BlockMotionMeter
 from geomphys.engine.pipeline import Pipeline
 from geomphys.load import load_world
+from geomphys.results import Frame
 from tests.cli.press import SCENE
 
 
@@ -23,4 +25,6 @@ def test_it_is_the_largest_rotation_of_a_link(tmp_path: Path, angle: float, sign
     block.corrected[:2, :, 3:] = sign * block.recorded[:2, :, 3:]
     block.corrected[1, 0, 3:] = sign * np.array([np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)])
     block.corrected[:2, :, :3] += 0.7
-    assert pipeline._shape_change(block, 2) == pytest.approx([0.0, angle], abs=1e-12)
+    frames = [Frame(k, 10**7 * k, np.zeros((0, 7)), np.zeros(0), held=False) for k in range(2)]
+    measured = BlockMotionMeter(pipeline.scene, block.moving).add(frames, block)
+    assert measured.shape_change_rad == pytest.approx([0.0, angle], abs=1e-12)
