@@ -125,12 +125,11 @@ class _StopRequestedError(Exception):
 
 
 def _replay(job: Job, outputs: Sequence[_Output]) -> Outcome:
-    from geomphys.output.output_log import open_output  # the batch's own process needs none of it
-    from geomphys.replays import run
+    from geomphys.replays import run_with_provenance  # the batch's own process needs none of it
 
     out, rrd = outputs[0].work, None if job.rrd is None else outputs[1].work
     try:
-        summary = run(
+        summary, provenance = run_with_provenance(
             job.log,
             _load_world_cached(job.scene, job.config.mode, job.config.seed, job.world_sha256),
             out=out,
@@ -141,14 +140,14 @@ def _replay(job: Job, outputs: Sequence[_Output]) -> Outcome:
         )
     except _StopRequestedError:
         return Outcome(status="interrupted", error="stopped before its end")
-    record = open_output(out).metadata
-    if record["scene_sha256"] != job.scene_sha256:
+    assert provenance is not None
+    if provenance.scene_sha256 != job.scene_sha256:
         raise _world_changed(job.scene)
     summary = dataclasses.replace(summary, out=str(job.out), rrd=None if job.rrd is None else str(job.rrd))
     return Outcome(
         status="done",
-        input_sha256=record["input_sha256"],
-        scene_sha256=record["scene_sha256"],
+        input_sha256=provenance.input_sha256,
+        scene_sha256=provenance.scene_sha256,
         out_sha256=sha256_of_file(out),
         rrd_sha256=None if rrd is None else sha256_of_file(rrd),
         metrics=summary.as_dict(),

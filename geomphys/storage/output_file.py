@@ -35,6 +35,7 @@ STANDARD_OUTPUT = Path("-")
 _NAME_BYTES = 180
 """Bytes of the target's name in the temporary one, which must stay within the 255 of a file system."""
 _SUFFIX = ".tmp"
+_ENDING = re.compile("[0-9a-f]{8}" + re.escape(_SUFFIX))
 
 
 def is_standard_output(path: AnyPath | None) -> bool:
@@ -326,10 +327,11 @@ def _new_file(folder: Path, name: str) -> tuple[Path, int]:
 
 def _remove_stale(target: Path) -> None:
     """Remove temporary files of this target whose process has ended."""
-    ours = re.compile(re.escape(_stem(target.name)) + "[0-9a-f]{8}" + re.escape(_SUFFIX))
-    found: list[str] = []
+    stem, found = _stem(target.name), list[str]()
     with suppress(PermissionError), os.scandir(target.parent) as entries:
-        found = [entry.path for entry in entries if ours.fullmatch(entry.name)]
+        for entry in entries:
+            if entry.name.startswith(stem) and _ENDING.fullmatch(entry.name, len(stem)):
+                found.append(entry.path)
     for name in found:
         with suppress(OSError):  # another user's, no file, just removed, in use, or locks do not work here
             descriptor = os.open(name, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
