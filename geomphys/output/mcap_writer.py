@@ -1,7 +1,7 @@
 """Writes MCAP files, many messages at once; the bytes are those of the mcap package's writer with its defaults.
 
-Its records are written by the package's classes, but for the messages, which it takes 5 µs each for. A chunk is packed in a
-thread of its own, where a core is free, and written when the next one is complete.
+Its records are written by the package's classes, but for messages and attachments, of which there are many. A chunk is packed in
+a thread of its own, where a core is free, and written when the next one is complete.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
-    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -57,6 +55,9 @@ _LENGTH_AFTER = _HEAD.itemsize - 9  # bytes of the head that its length counts
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
+_RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
+_ATTACHMENT_TIMES, _ATTACHMENT_PLACE = struct.Struct("<QQ"), struct.Struct("<QQ")  # logged, created; offset, length
+_LENGTH, _CRC = struct.Struct("<Q"), struct.Struct("<I")
 
 
 class Messages(NamedTuple):
@@ -74,10 +75,10 @@ class McapWriter:
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[bytes] = []  # records
+        self._channels: list[bytes] = []
         self._chunks: list[ChunkIndex] = []
-        self._attachments: list[AttachmentIndex] = []
+        self._attachments: list[bytes] = []  # records that index them
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}  # channel -> messages
         self._span: tuple[int, int] | None = None  # ns, of the messages
@@ -92,7 +93,7 @@ class McapWriter:
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; returns its number."""
-        self._schemas.append(Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name))
+        self._schemas.append(_encoded(Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)))
         self._add_to_chunk(self._schemas[-1])
         return len(self._schemas)
 
@@ -101,7 +102,7 @@ class McapWriter:
     ) -> int:
         """Add a channel; returns its number."""
         number = len(self._channels) + 1
-        self._channels.append(Channel(number, topic, message_encoding, dict(metadata or {}), schema_id))
+        self._channels.append(_encoded(Channel(number, topic, message_encoding, dict(metadata or {}), schema_id)))
         self._add_to_chunk(self._channels[-1])
         return number
 
@@ -137,13 +138,14 @@ class McapWriter:
         """Add a file; times in ns."""
         self._write_packed()
         offset = self._stream.tell()
-        length = self._write(Attachment(create_time, log_time, name, media_type, data))
-        self._attachments.append(
-            AttachmentIndex(
-                offset=offset, length=length, create_time=create_time, log_time=log_time, data_size=len(data), name=name,
-                media_type=media_type,
-            )
-        )  # fmt: skip
+        times, names = _ATTACHMENT_TIMES.pack(log_time, create_time), _prefixed(name) + _prefixed(media_type)
+        head = times + names + _LENGTH.pack(len(data))
+        length = len(head) + len(data) + _CRC.size
+        self._stream.write(_RECORD_HEAD.pack(Opcode.ATTACHMENT, length) + head)
+        self._stream.write(data)
+        self._stream.write(_CRC.pack(zlib.crc32(data, zlib.crc32(head))))
+        entry = _ATTACHMENT_PLACE.pack(offset, _RECORD_HEAD.size + length) + times + _LENGTH.pack(len(data)) + names
+        self._attachments.append(_RECORD_HEAD.pack(Opcode.ATTACHMENT_INDEX, len(entry)) + entry)
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Add a record of texts by key."""
@@ -161,12 +163,12 @@ class McapWriter:
         for opcode, records in (
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.STATISTICS, [_encoded(self._statistics())]),
+            (Opcode.CHUNK_INDEX, map(_encoded, self._chunks)),
             (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.METADATA_INDEX, map(_encoded, self._metadata)),
         ):
-            group = b"".join(map(_encoded, records))
+            group = b"".join(records)
             offsets.append(
                 SummaryOffset(group_opcode=opcode, group_start=start + len(summary), group_length=len(group))
             )
@@ -205,9 +207,9 @@ class McapWriter:
         self._size = 0
         self._indices: list[tuple[Ints, Ints, Ints]] = []  # channels, times and offsets of messages
 
-    def _add_to_chunk(self, record: Any) -> None:
-        self._parts.append(_encoded(record))
-        self._size += len(self._parts[-1])
+    def _add_to_chunk(self, record: bytes) -> None:
+        self._parts.append(record)
+        self._size += len(record)
         self._end_if_full()
 
     def _end_if_full(self) -> None:
@@ -283,6 +285,12 @@ def _compressed(data: bytes | memoryview) -> bytes:
     compressed = compressor.compress(data)
     _compressors.append(compressor)
     return compressed
+
+
+def _prefixed(text: str) -> bytes:
+    """A string of a record, after its length."""
+    data = text.encode()
+    return len(data).to_bytes(4, "little") + data
 
 
 def _encoded(record: Any) -> bytes:
