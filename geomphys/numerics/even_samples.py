@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
@@ -27,6 +28,16 @@ class EvenSamples(Generic[Item]):
         if len(self.items) >= self._capacity:
             del self.items[1::2]
             self._stride *= 2
+
+    def extend(self, items: Sequence[Item]) -> None:
+        """Go on to these items, and add those that are samples."""
+        samples = items[-self._position % self._stride :: self._stride]
+        if len(self.items) + len(samples) < self._capacity:
+            self.items += samples
+            self._position += len(items)
+            return
+        for item in items:
+            self.offer(item)
 
     def offer(self, item: Item) -> None:
         """Go on to the next item, and add it if it is a sample."""

@@ -170,7 +170,7 @@ class _Layout:
         if self._columns is None:
             self._columns = _ColumnBytes.of(self._data, self._windows, self._constants, self._mask)
         at = self._columns
-        if at.stamp is None or any(len(data) != len(self._data) for data in messages):
+        if at.stamp is None or {*map(len, messages)} != {len(self._data)}:
             return None
         rows = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
         if ((rows ^ at.reference) & at.fixed).any():

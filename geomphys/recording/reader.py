@@ -38,7 +38,6 @@ from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remot
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
-_Pending = tuple[int, int, int, int, bytes, int]  # log time, order in the file, channel, publish time, data, sequence
 _SpanKey = tuple[int, Span, int, frozenset[int]]  # number of the file, span, order, channels
 MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
 MAX_LISTED_OPCODES = 4
@@ -69,6 +68,9 @@ class RawMessage(NamedTuple):
     publish_time: int
     data: bytes
     sequence: int = 0
+
+
+_Pending = tuple[int, int, RawMessage]  # log time, order in the file
 
 
 @dataclass(frozen=True)
@@ -161,9 +163,9 @@ class LogReader:
         spans = [(n, span) for n, scan in enumerate(self._scans) for span in scan.spans]
         if file_order:
             for number, span in spans:
-                for log_time, _, key, publish_time, data, sequence in self._load(number, span, 0, keys):
-                    if keys is None or key in keys:
-                        yield RawMessage(key, log_time, publish_time, data, sequence)
+                for _, _, message in self._load(number, span, 0, keys):
+                    if keys is None or message.key in keys:
+                        yield message
             return
         unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
         # a heap of the sorted messages of each span, by the first of them
@@ -176,7 +178,7 @@ class LogReader:
                     break
                 unread_spans.popleft()
                 loaded = self._load(number, span, order << 32, keys)
-                size += sum(len(m[4]) for m in loaded)
+                size += sum([len(message.data) for _, _, message in loaded])
                 if loaded:
                     run = deque(sorted(loaded))
                     heappush(pending, (run[0], run))
@@ -186,18 +188,18 @@ class LogReader:
                 if len(pending) == 1 and (next_start is None or run[-1][0] < next_start):  # nothing comes in between
                     pending.clear()
                     size = 0
-                    for log_time, _, key, publish_time, data, sequence in run:
-                        if keys is None or key in keys:
-                            yield RawMessage(key, log_time, publish_time, data, sequence)
+                    for _, _, message in run:
+                        if keys is None or message.key in keys:
+                            yield message
                     break
-                log_time, _, key, publish_time, data, sequence = run.popleft()
+                _, _, message = run.popleft()
                 if run:
                     heapreplace(pending, (run[0], run))
                 else:
                     heappop(pending)
-                size -= len(data)
-                if keys is None or key in keys:
-                    yield RawMessage(key, log_time, publish_time, data, sequence)
+                size -= len(message.data)
+                if keys is None or message.key in keys:
+                    yield message
 
     def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
         """Messages of a span, each with its rank in file order."""
@@ -212,7 +214,9 @@ class LogReader:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
                 messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
-                loaded = [(t, order | k, base | c, p, data, n) for k, (c, t, p, data, n) in enumerate(messages)]
+                loaded = [
+                    (t, order | k, RawMessage(base | c, t, p, d, n)) for k, (c, t, p, d, n) in enumerate(messages)
+                ]
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
         except (BadRecordError, ValueError, struct.error) as problem:

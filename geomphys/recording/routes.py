@@ -105,8 +105,7 @@ class RootRoute:
     def extend(self, times: list[int], values: Floats) -> None:
         """Add poses of increasing times that are `plain_values`."""
         self.latest, poses = times[-1], list(map(tuple, values.tolist()))
-        for time, (x, y, z, *_) in zip(times, poses, strict=True):
-            self.samples.add(time, x, y, z)
+        self.samples.extend(times, values[:, :3])
         self.stream.extend(times, poses)
 
     def resolve(self, time: int, until: int) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geomphys.numerics.even_samples import EvenSamples
 from geomphys.recording.name_words import words
@@ -82,6 +83,10 @@ class MotionSamples:
     def add(self, time: int, x: float, y: float, z: float) -> None:
         """Add a position at a time [ns]."""
         self.samples.offer((time, (x, y, z)))
+
+    def extend(self, times: Sequence[int], positions: NDArray[np.float64]) -> None:
+        """Add positions (n, 3) at times [ns]."""
+        self.samples.extend([(time, (x, y, z)) for time, (x, y, z) in zip(times, positions.tolist(), strict=True)])
 
     def motion(self) -> PoseExtent | None:
         """Sum up; None without a sample."""

@@ -92,6 +92,7 @@ class _ChannelProbe:
     latest: int = -(2**62)
     complete_from: int | None = None  # the latest first time of what is awaited, once all of it is known
     names: Sequence[str] | None = None  # joints of the message that was recorded last
+    frames: Sequence[tuple[str, str]] | None = None  # its poses: child and frame id
     pending: list[tuple[RawMessage, Content]] = field(default_factory=list)  # until `zero_stamps_resolved`
 
 
@@ -262,8 +263,13 @@ def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: Ra
         stamp_offsets = {"": [time]}
     else:
         stamp_offsets = {}
-        for pose in content:
-            time = times.time_of(key, pose.stamp, raw.log_time, raw.publish_time)
+        pose_times = [times.time_of(key, pose.stamp, raw.log_time, raw.publish_time) for pose in content]
+        frames = [(pose.child, pose.frame) for pose in content]
+        if probe.complete_from is not None and frames == probe.frames and min(pose_times) >= probe.complete_from:
+            probe.latest = max(probe.latest, *pose_times)  # it says nothing new
+            return
+        probe.frames = frames or None
+        for pose, time in zip(content, pose_times, strict=True):
             add_names(names, [pose.child])
             sample = validated_pose(pose.value)
             items.append((time, pose.child, sample, pose.frame))
@@ -292,3 +298,4 @@ def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: Ra
             noted = prescan.stamp_offsets.setdefault((topic, part), [])
             if len(noted) < OFFSET_MESSAGES and probe.channel.messages > 1:
                 noted.extend(StampOffset(t, t - raw.log_time) for t in at)
+                probe.frames = None  # there may be more to note
