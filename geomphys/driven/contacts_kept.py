@@ -17,6 +17,7 @@ from geomphys.driven.objective import is_rigid
 from geomphys.driven.postures import Posture, joint_jacobian
 from geomphys.driven.state import GENERAL_MOTION, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
+from geomphys.jit.record_copy import copy_record
 from geomphys.numerics.row_vectors import set_vec, vec_at
 from geomphys.numerics.vec3 import Vec
 from geomphys.scene.arrays import FIXED, JOINT_FIXED, Scene
@@ -75,7 +76,7 @@ def drop_touches(scene: Scene, ws: DrivenWorkspace, tree: int) -> None:
     work, count = ws.work, 0
     for i in range(work.counts.touches):
         if scene.bodies.tree[work.touches[i].tip] != tree:
-            work.touches[count] = work.touches[i]
+            copy_record(work.touches[count], work.touches[i])
             count += 1
     work.counts.touches = count
 

@@ -22,6 +22,7 @@ from geomphys.jit.kinds import Kind, kind_of_text
 from geomphys.jit.machine_code import SLOT, make_slots, object_file
 from geomphys.jit.numba_types import kind_of_type, type_of_kind
 from geomphys.jit.products import Key, Product, symbol_of
+from geomphys.jit.record_copy import copy_record
 from geomphys.jit.registry import Definition, Instruction, definitions, instructions
 from geomphys.jit.returns import declared_return
 from geomphys.jit.words import load_value, words_of_value
@@ -157,6 +158,23 @@ def _introduce_instruction(instruction: Instruction) -> None:
 
     type_callable(instruction)(typed)
     lower_builtin(instruction)(lowered)
+
+
+@type_callable(copy_record)
+def _typed_copy(context: Any) -> Any:
+    def call(target: Any, source: Any) -> Any:
+        return types.none if isinstance(target, types.Record) and target == source else None
+
+    return call
+
+
+@lower_builtin(copy_record, types.Record, types.Record)
+def _lowered_copy(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    pointer, word = ir.IntType(8).as_pointer(), ir.IntType(64)
+    move = builder.module.declare_intrinsic("llvm.memmove", [pointer, pointer, word])
+    target, source = (builder.bitcast(record, pointer) for record in args)
+    builder.call(move, [target, source, ir.Constant(word, signature.args[0].size), ir.Constant(ir.IntType(1), 0)])
+    return context.get_dummy_value()
 
 
 def _arguments(kinds: list[Any]) -> Any:

@@ -10,6 +10,7 @@ import math
 from geomphys.collision.manifold import manifold
 from geomphys.collision.support import Shapes
 from geomphys.jit.kernel import kernel, noinline
+from geomphys.jit.record_copy import copy_record
 from geomphys.numerics.row_vectors import (
     add_vec,
     add_vec_from,
@@ -118,7 +119,7 @@ def clear_slot(slot: Slot) -> None:
 def keep_old_slots(sim: Simulation, pair: int) -> None:
     """Copy the contact points of a pair to `old_slots`."""
     for m in range(4):
-        sim.old_slots[m] = sim.slots[pair, m]
+        copy_record(sim.old_slots[m], sim.slots[pair, m])
 
 
 @kernel
@@ -141,7 +142,7 @@ def open_slot(sim: Simulation, pair: int, m: int, old: int, x: Vec, clearance: f
     """Begin slot m of a pair at the point x (relative to a, a's frame), with the totals of the old point `old`, if any."""
     slot = sim.slots[pair, m]
     if old >= 0:
-        sim.slots[pair, m] = sim.old_slots[old]
+        copy_record(slot, sim.old_slots[old])
         clear_impulses(sim.old_slots[old])
     else:
         clear_slot(slot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from geomphys.jit.kernel import kernel, noinline
+from geomphys.jit.record_copy import copy_record
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import (
     norm,
@@ -86,13 +87,13 @@ def append_old(sim: Simulation, old: int) -> None:
     k = sim.counts.pairs
     sim.counts.pairs = k + 1
     if old >= sim.counts.saved_from:
-        sim.pairs[k] = sim.old_pairs[old]
+        copy_record(sim.pairs[k], sim.old_pairs[old])
         for m in range(4):
-            sim.slots[k, m] = sim.old_pair_slots[old, m]
+            copy_record(sim.slots[k, m], sim.old_pair_slots[old, m])
     elif old > k:
-        sim.pairs[k] = sim.pairs[old]
+        copy_record(sim.pairs[k], sim.pairs[old])
         for m in range(4):
-            sim.slots[k, m] = sim.slots[old, m]
+            copy_record(sim.slots[k, m], sim.slots[old, m])
 
 
 @kernel
@@ -124,9 +125,9 @@ def skip_old(sim: Simulation, old: int) -> int:
 def save_pairs(sim: Simulation, first: int) -> None:
     """Copy the pairs of the old list from number `first` on elsewhere, as a new one takes the place of that."""
     for k in range(first, sim.counts.old_pairs):
-        sim.old_pairs[k] = sim.pairs[k]
+        copy_record(sim.old_pairs[k], sim.pairs[k])
         for m in range(4):
-            sim.old_pair_slots[k, m] = sim.slots[k, m]
+            copy_record(sim.old_pair_slots[k, m], sim.slots[k, m])
     sim.counts.saved_from = first
 
 

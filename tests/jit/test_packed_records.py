@@ -9,6 +9,7 @@ import pytest
 
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Pack, pack
+from geomphys.jit.record_copy import copy_record
 
 
 class Inner(NamedTuple):
@@ -134,3 +135,24 @@ def test_read_only_arrays_are_refused() -> None:
     rows.flags.writeable = False
     with pytest.raises(TypeError, match=r"Outer\.rows"):
         pack(make()._replace(rows=rows))
+
+
+class Rows(NamedTuple):
+    rows: np.ndarray
+
+
+@kernel
+def _copy_first(rows: Rows, to: int) -> None:
+    copy_record(rows.rows[to], rows.rows[0])
+
+
+def test_a_record_is_copied_with_all_its_fields_and_no_other() -> None:
+    rows = np.zeros(4, STATE)
+    rows["count"], rows["at"] = np.arange(4), np.arange(12.0).reshape(4, 3) - 0.5
+    expected = rows.copy()
+    expected[2] = expected[0]
+    _copy_first(pack(Rows(rows)), 2)
+    assert rows.tobytes() == expected.tobytes()
+    expected[1] = expected[3]
+    copy_record(rows[1], rows[3])
+    assert rows.tobytes() == expected.tobytes()
