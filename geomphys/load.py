@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,12 @@ ZERO_POSE_CLEARANCE = 5e-6
 
 
 def load_world(
-    path: AnyPath | str, *, mode: str | None = None, seed: int = 0, progress: Progress | None = None
+    path: AnyPath | str,
+    *,
+    mode: str | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    assembled: Callable[[World], None] | None = None,
 ) -> World:
     """Read a scene file and everything it names.
 
@@ -43,6 +48,9 @@ def load_world(
         Of the convex decomposition.
     progress
         Called with a description and the fraction done while meshes are decomposed.
+    assembled
+        Called with the world before the pairs that overlap in the zero pose are excluded, if it is not in the cache:
+        the first kernels are needed for that.
 
     Raises
     ------
@@ -59,18 +67,26 @@ def load_world(
     if cached is not None:
         return cached
     with tracked_sources() as sources:
-        world = _load(path, mode, seed, progress)
+        world = _load(path, mode, seed, progress, assembled)
     world = replace(world, source_files=tuple(sources.contents))
     if is_local:
         cache_world(world, sources, mode, seed)
     return world
 
 
-def _load(path: AnyPath, mode: str | None, seed: int, progress: Progress | None) -> World:
+def _load(
+    path: AnyPath,
+    mode: str | None,
+    seed: int,
+    progress: Progress | None,
+    assembled: Callable[[World], None] | None,
+) -> World:
     from geomphys.scene.assembly import assemble, exclude_pairs  # a world from the cache needs none of it
     from geomphys.scene.scene_file import load_scene_file
 
     world = assemble(load_scene_file(path), path, mode=mode, seed=seed, progress=progress)
+    if assembled is not None:
+        assembled(world)
     return exclude_pairs(world, zero_pose_overlaps(world))
 
 

@@ -11,7 +11,7 @@ from itertools import chain
 from geomphys.config import Callbacks, Config, OutputOptions
 from geomphys.engine.frame_buffer import FRAMES
 from geomphys.engine.log_messages import Message
-from geomphys.engine.pipeline import Pipeline
+from geomphys.engine.pipeline import Pipeline, compile_ahead
 from geomphys.errors import LogError
 from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import progress_to
@@ -141,7 +141,13 @@ def run_with_provenance(
         world = (
             scene
             if isinstance(scene, World)
-            else load_world(scene, mode=config.mode, seed=config.seed, progress=callbacks.loading)
+            else load_world(
+                scene,
+                mode=config.mode,
+                seed=config.seed,
+                progress=callbacks.loading,
+                assembled=lambda world: compile_ahead(world, config),
+            )
         )
         world = scaled_to_log(log, world, config, progress=callbacks.loading)
         summarizer = Summarizer(world.body_names, world.findings, config.method)

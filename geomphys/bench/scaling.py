@@ -14,7 +14,9 @@ from geomphys.bench.experiments import Experiment
 from geomphys.bench.measure import PeerMaker, measure
 from geomphys.bench.report import Curve
 from geomphys.config import Config
+from geomphys.engine.pipeline import compile_ahead
 from geomphys.engine.state import make_replay_data
+from geomphys.jit.work import progress_to
 from geomphys.load import load_world
 from geomphys.numerics.transforms import apply, matrix_from_pose
 from geomphys.results import Frame
@@ -41,7 +43,7 @@ BALL_RADIUS, BOX_SIDE, BIN_SIDE = 0.02, 0.032, 0.3  # m
 
 def warm_up() -> float:
     """Seconds until the first frames of a small world are done: the kernels' loading or compiling."""
-    with TemporaryFolder() as folder:
+    with TemporaryFolder() as folder, progress_to(None):
         start = time.perf_counter()
         world = world_of_objects(folder, 2, ball=True)
         measure(slide("warm-up", world, 8), Config(), 1)
@@ -186,7 +188,7 @@ def _load(folder: Path, hands: int, tables: list[str]) -> World:
     ]
     scene = folder / "scene.toml"
     scene.write_text("\n".join(['[scene]\nname = "made up"\n', *avatars, *tables]))
-    return load_world(scene)
+    return load_world(scene, assembled=lambda world: compile_ahead(world, Config()))
 
 
 def _hand() -> str:

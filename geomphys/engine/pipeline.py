@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from geomphys.engine.replay_memory import give_back, take_memory
 from geomphys.engine.state import NEAR_PAIRS, Method, StepParameters
 from geomphys.engine.step import Recording, run_block, run_block_as_published
 from geomphys.errors import GeomphysError
+from geomphys.jit.kernel import are_compiled
 from geomphys.jit.stage_clock import start_clock
 from geomphys.results import FLAG_CATCHING_UP, Frame, Grasp, ResultColumns
 from geomphys.scene.arrays import DRIVEN, Scene
@@ -30,6 +32,13 @@ from geomphys.storage.overlapped_call import OverlappedCall
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+def compile_ahead(world: World, config: Config) -> None:
+    """Let other processes begin to compile the step of a replay, unless that is done; the caller goes on."""
+    if not are_compiled(config.method):
+        with closing(Pipeline(world, config)) as pipeline:
+            pipeline.compile_ahead()
 
 
 @dataclass
@@ -92,10 +101,8 @@ class Pipeline:
 
     def run(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> int:
         """Step through frames (n, T, 7), (n, Q), (n,) into `block`; returns how many were stepped."""
-        recording = Recording(roots, angles, dts)
         call = self._run_block.unlocked if self._has_run else self._run_block  # the first may compile
-        memory = self._memory
-        count: int = call(memory.scene, memory.packed_data, recording, self.params, memory.packed_blocks[id(block)])
+        count: int = call(*self._arguments(roots, angles, dts, block))
         self._has_run = True
         if count == 0 or self.data.workspace.near.counts["lost"]:
             raise GeomphysError(
@@ -103,6 +110,19 @@ class Pipeline:
                 "decompose the meshes into fewer"
             )
         return count
+
+    def compile_ahead(self) -> None:
+        """Let other processes begin to compile the step, while the caller goes on."""
+        trees, dofs = len(self.scene.trees.role), len(self.scene.dofs.lower)
+        self._run_block.compile_ahead(
+            *self._arguments(np.zeros((0, trees, 7)), np.zeros((0, dofs)), np.zeros(0), self.blocks[0])
+        )
+
+    def _arguments(self, roots: Floats, angles: Floats, dts: Floats, block: Block) -> tuple[Any, ...]:
+        """What the compiled step takes."""
+        memory = self._memory
+        recording = Recording(roots, angles, dts)
+        return memory.scene, memory.packed_data, recording, self.params, memory.packed_blocks[id(block)]
 
     def chunks(self, batches: Iterator[tuple[list[Frame], int]]) -> Iterator[Chunk]:
         """Run batches of frames, each with what a frame of it took to decode [ns]; yields them with their results.

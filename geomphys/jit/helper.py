@@ -10,16 +10,17 @@ import signal
 import sys
 
 from geomphys.jit.products import Key
-from geomphys.jit.work import without_garbage_collection, work
+from geomphys.jit.work import help_with, without_garbage_collection
 from geomphys.storage.child_process import end_with_parent
 
 
 def main(parent: int) -> None:
-    """Compile what is asked for, the last first."""
+    """Compile what is asked for."""
     end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process it helps decides
     with without_garbage_collection():
-        work([Key(*plain) for plain in json.load(sys.stdin)], newest_first=True)
+        entries, units = ([Key(*plain) for plain in keys] for keys in json.load(sys.stdin))
+        help_with(entries, units)
 
 
 if __name__ == "__main__":

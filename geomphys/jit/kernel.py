@@ -15,7 +15,7 @@ from geomphys.jit.calls import Entry
 from geomphys.jit.folder import cache_folder
 from geomphys.jit.kinds import kind_of
 from geomphys.jit.registry import PLAIN_NUMBA, Definition, Instruction
-from geomphys.jit.work import load_entry
+from geomphys.jit.work import compile_ahead, load_entry
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -39,6 +39,10 @@ class Kernel(Definition):
     def unlocked(self, *args: Any) -> Any:
         """Call it so that other threads run meanwhile, which must leave its arguments alone."""
         return self._call(args, {}, unlocked=True)
+
+    def compile_ahead(self, *args: Any) -> None:
+        """Let other processes compile it for such arguments meanwhile, see `geomphys.jit.work.compile_ahead`."""
+        compile_ahead(self, tuple(map(kind_of, args)))
 
     def _call(self, args: tuple[Any, ...], kwargs: dict[str, Any], *, unlocked: bool) -> Any:
         if kwargs or len(args) != self.parameters:

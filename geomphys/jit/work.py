@@ -14,7 +14,6 @@ import os
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -50,13 +49,15 @@ POLL_INTERVAL_S = 0.02
 Listener = Callable[[int, int], None]
 
 _listeners: list[Listener] = []
+_ahead: list[subprocess.Popen[bytes]] = []
+"""Processes that `compile_ahead` started."""
 
 
 @contextmanager
 def progress_to(listener: Listener | None) -> Iterator[None]:
     """Within the block, `listener` gets how many kernels are compiled, and how many are known to be needed.
 
-    What it raises ends the compiling; what is done by then is kept.
+    What it raises ends the compiling; what is done by then is kept. What `compile_ahead` started ends with the block.
     """
     before = list(_listeners)
     _listeners[:] = before if listener is None else [listener]
@@ -64,6 +65,7 @@ def progress_to(listener: Listener | None) -> Iterator[None]:
         yield
     finally:
         _listeners[:] = before
+        _end(_ahead)
 
 
 @contextmanager
@@ -106,6 +108,13 @@ def _program(key: Key) -> Program:
     return program
 
 
+def compile_ahead(kernel: Definition, kinds: tuple[Kind, ...]) -> None:
+    """Let other processes begin to compile a kernel, which Python will call, and all it jumps to; returns at once."""
+    key = kernel.key(kinds)
+    if not (PLAIN_NUMBA or _ahead or is_there(f"{symbol_of(key)}.program")):
+        _ahead.extend(_helper(entries=[key], units=[]) for _ in range(processes() - 1))
+
+
 def complete(keys: Sequence[Key]) -> dict[str, Product]:
     """Noinline kernels and all they jump to, by their symbols.
 
@@ -114,25 +123,30 @@ def complete(keys: Sequence[Key]) -> dict[str, Product]:
     helpers: list[subprocess.Popen[bytes]] = []
 
     def each(done: int, known: int, waiting: Sequence[Key]) -> None:
-        if not helpers and len(waiting) >= MIN_FOR_HELPERS:
+        if not helpers and len(waiting) >= MIN_FOR_HELPERS and all(process.poll() is not None for process in _ahead):
             missing = [key for key in waiting if not is_there(f"{symbol_of(key)}.unit")]
             if len(missing) >= MIN_FOR_HELPERS:
-                helpers.extend(_helper(missing) for _ in range(processes() - 1))
+                helpers.extend(_helper(entries=[], units=missing) for _ in range(processes() - 1))
         for listener in _listeners:
             listener(done, known)
 
     try:
-        return work(keys, newest_first=False, before_compiling=each)
+        return work(keys, from_end=False, before_compiling=each)
     finally:
-        for helper in helpers:
-            helper.kill()
-            helper.wait()
+        _end(helpers)
+
+
+def help_with(entries: Sequence[Key], units: Sequence[Key]) -> None:
+    """Compile kernels that Python calls, and noinline ones, with all they jump to; the last by name first."""
+    products = [_provide(key, entry=True) for key in entries]
+    callees = [callee for product in products if product is not None for callee in product.callees]
+    work([*units, *callees], from_end=True)
 
 
 def work(
     keys: Sequence[Key],
     *,
-    newest_first: bool,
+    from_end: bool,
     before_compiling: Callable[[int, int, Sequence[Key]], None] = lambda *_: None,
 ) -> dict[str, Product]:
     """Compile noinline kernels and all they call, unless they are on disk; returns them by their symbols.
@@ -141,29 +155,29 @@ def work(
     ----------
     keys
         The kernels.
-    newest_first
-        The order: processes that start at opposite ends rarely do the same work.
+    from_end
+        Whether the last by name are compiled first. Kernels of one module or folder call the same functions, which each process
+        compiles once: two that begin at opposite ends of the names compile few twice.
     before_compiling
         Called before each that is not on disk, with the number of those done, of those known, and those that wait.
     """
-    waiting, known, busy = deque(keys), set(keys), 0
+    known = set(keys)
+    waiting = sorted(known)
     products: dict[str, Product] = {}
     while waiting:
-        key = waiting.pop() if newest_first else waiting.popleft()
-        done = len(known) - len(waiting) - 1
-        product = _provide(key, entry=False, before_compiling=partial(before_compiling, done, len(known), waiting))
-        if product is None:  # someone else is at it
-            waiting.appendleft(key) if newest_first else waiting.append(key)
-            busy += 1
-            if busy >= len(waiting):
-                time.sleep(POLL_INTERVAL_S)
-                busy = 0
+        for key in reversed(waiting) if from_end else list(waiting):
+            done = len(known) - len(waiting)
+            product = _provide(key, entry=False, before_compiling=partial(before_compiling, done, len(known), waiting))
+            if product is not None:
+                break
+        else:  # others are at all of them
+            time.sleep(POLL_INTERVAL_S)
             continue
-        busy = 0
+        waiting.remove(key)
         products[symbol_of(key)] = product
-        new = [callee for callee in product.callees if callee not in known]
-        waiting.extend(new)
-        known.update(new)
+        new = set(product.callees) - known
+        known |= new
+        waiting = sorted([*waiting, *new])
     return products
 
 
@@ -202,7 +216,7 @@ def processes() -> int:
     return min(available_cores(), MAX_PROCESSES)
 
 
-def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:
+def _helper(entries: Sequence[Key], units: Sequence[Key]) -> subprocess.Popen[bytes]:
     """Start a process that compiles too, from the other end; nothing depends on its success."""
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "geomphys.jit.helper", str(os.getpid())],
@@ -213,6 +227,14 @@ def _helper(keys: Sequence[Key]) -> subprocess.Popen[bytes]:
     )
     assert process.stdin is not None
     with suppress(OSError):
-        process.stdin.write(json.dumps(keys).encode())
+        process.stdin.write(json.dumps([entries, units]).encode())
         process.stdin.close()
     return process
+
+
+def _end(helpers: list[subprocess.Popen[bytes]]) -> None:
+    """End processes, and forget them."""
+    for helper in helpers:
+        helper.kill()
+        helper.wait()
+    helpers.clear()

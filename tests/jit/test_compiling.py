@@ -59,8 +59,8 @@ def counted(*args, **kwargs):
         return cfunc(*args, **kwargs)(function)
     return compile
 
-def start(keys):
-    helpers.append(helper(keys))
+def start(entries, units):
+    helpers.append(helper(entries, units))
     if mode == "killed":
         helpers[-1].kill()
     if mode == "helped":
@@ -81,6 +81,12 @@ import stacked
 value = left = None
 try:
     with work.progress_to(tell):
+        if mode in ("ahead", "left"):
+            stacked.top.compile_ahead(0.5)
+        if mode == "ahead":
+            helpers[-1].wait()
+        if mode == "left":
+            raise KeyboardInterrupt
         value = stacked.top(0.5).hex()
 except KeyboardInterrupt:
     left = [process.poll() is None for process in helpers]
@@ -212,8 +218,19 @@ def test_the_same_with_a_helper_that_works_or_dies(alone: tuple[Place, Any], tmp
     assert (said["compiled"] == ["bottom", "upper"]) == (mode == "killed")
 
 
-def test_an_interruption_leaves_no_helper_behind(tmp_path: Path) -> None:
-    said = Place(tmp_path).run("interrupted")
+def test_what_a_helper_compiled_ahead_is_not_compiled_again(alone: tuple[Place, Any], tmp_path: Path) -> None:
+    _, expected = alone
+    place = Place(tmp_path)
+    said = place.run("ahead")
+    assert said["value"] == expected["value"]
+    assert said["helpers"] == 1
+    assert said["compiled"] == []
+    assert place.products("unit") == ["bottom", "upper"]
+
+
+@pytest.mark.parametrize("mode", ["interrupted", "left"])
+def test_an_interruption_leaves_no_helper_behind(tmp_path: Path, mode: str) -> None:
+    said = Place(tmp_path).run(mode)
     assert said["value"] is None
     assert said["left"] == [False]
 
