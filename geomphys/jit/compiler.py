@@ -1,6 +1,6 @@
 """From kernels to machine code by numba: imported where something is compiled, and nowhere else.
 
-This uses two features of numba's public interface: `numba.extending.overload` compiles a kernel into its
+This uses two features of numba's public interface: `numba.njit` compiles a kernel into its
 callers; `numba.cfunc` makes a noinline kernel, or what Python calls, a function of its own, whose text in LLVM's
 language becomes an object file (`geomphys.jit.machine_code`).
 
@@ -16,7 +16,7 @@ from typing import Any
 import numba
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, lower_builtin, overload, type_callable
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable, typeof_impl
 
 from geomphys.jit.kinds import Kind, kind_of_text
 from geomphys.jit.machine_code import SLOT, make_slots, object_file
@@ -50,6 +50,10 @@ ENTRY = types.void(types.intp, types.intp)
 """Signature of what Python calls."""
 
 _known: set[Definition | Instruction] = set()
+_inside: dict[Definition, Any] = {}
+"""Functions of numba that are compiled into their callers: once for all of them. Those of `numba.extending.overload` are compiled
+anew for a caller with other options, for arguments by name, and for each constant among them."""
+
 _requested: dict[str, Key] = {}
 """What compiled code of this process jumps to, by symbol."""
 
@@ -115,14 +119,28 @@ def _introduce_kernels() -> None:
             _introduce_instruction(instruction)
     for kernel in list(definitions.values()):
         if kernel not in _known:
-            _introduce_noinline(kernel) if kernel.noinline else _introduce_kernel(kernel)
+            if kernel.noinline:
+                _introduce_noinline(kernel)
+            else:
+                _inside[kernel] = numba.njit(**INSIDE, forceinline=kernel.inlined)(kernel.py_func)
     _known.update(instructions, definitions.values())
 
 
-def _introduce_kernel(kernel: Definition) -> None:
-    overload(kernel, jit_options=INSIDE | {"forceinline": kernel.inlined}, strict=False)(
-        lambda *args, **kwargs: kernel.py_func
-    )
+class _Inside(types.Dispatcher):  # type: ignore[misc]
+    """Type of a kernel that is compiled into its callers: for an int64, not for each constant that a caller gives."""
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        args, kws = map(types.unliteral, args), {name: types.unliteral(kind) for name, kind in kws.items()}
+        return super().get_call_type(context, tuple(args), kws)
+
+
+register_model(_Inside)(models.OpaqueModel)
+
+
+@typeof_impl.register(Definition)
+def _type_of_kernel(kernel: Definition, context: Any) -> Any:
+    """Type of a kernel that is compiled into its callers; that of a noinline one numba finds by itself."""
+    return None if kernel.noinline else _Inside(_inside[kernel])
 
 
 def _introduce_noinline(kernel: Definition) -> None:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import ast
 
+from numba import types
+
 import geomphys.engine.step  # noqa: F401 - brings in all kernels of a frame
-from geomphys.jit.compiler import OPTIONS
+from geomphys.jit import compiler
+from geomphys.jit.compiler import OPTIONS, compile_entry, compile_unit
+from geomphys.jit.kernel import kernel, noinline
 from geomphys.jit.registry import definitions
 from geomphys.jit.returns import declared_return
 from tests.house.sources import modules, tree
@@ -29,7 +33,30 @@ def test_results_do_not_depend_on_the_machine() -> None:
 
 
 def test_every_outlined_kernel_says_what_it_returns() -> None:
-    noinline = [kernel for kernel in definitions.values() if kernel.noinline]
-    assert len(noinline) > 30
-    for kernel in noinline:
-        declared_return(kernel.py_func)
+    outlined = [definition for definition in definitions.values() if definition.noinline]
+    assert len(outlined) > 30
+    for definition in outlined:
+        declared_return(definition.py_func)
+
+
+@kernel
+def _scaled(x: float, factor: int) -> float:
+    return x * factor
+
+
+@noinline
+def _at_the_bottom(x: float) -> float:
+    return _scaled(x, 3)
+
+
+@kernel
+def _of_all_callers(x: float, factor: int) -> float:
+    return _scaled(x, 1) + _scaled(x, factor=2) + _scaled(x, factor) + _at_the_bottom(x)
+
+
+def test_a_kernel_is_compiled_into_its_callers_once_for_the_types_of_its_arguments() -> None:
+    """Not again for constants, for arguments by name, or inside a function of other options."""
+    scaled, bottom, top = (definitions[__name__, name] for name in ("_scaled", "_at_the_bottom", "_of_all_callers"))
+    compile_entry(top, top.key(("float64", "int64")))
+    compile_unit(bottom, bottom.key(("float64",)))
+    assert compiler._inside[scaled].signatures == [(types.float64, types.int64)]
