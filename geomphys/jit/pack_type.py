@@ -12,6 +12,9 @@ from numba.extending import infer_getattr, lower_getattr_generic, models, regist
 
 WORD = 8
 
+_sizes: dict[types.Type, int] = {}
+"""Bytes of the elements of arrays."""
+
 
 class PackType(types.Type):
     """Type of a pack: the names and types of its fields, in order."""
@@ -62,9 +65,9 @@ def _load(builder: Any, block: Any, offset: int) -> Any:
     return value
 
 
-def _tuple_of(builder: Any, values: list[Any], kind: Any) -> Any:
-    """The values as an LLVM array of a type."""
-    packed = ir.Constant(kind, ir.Undefined)
+def _tuple_of(builder: Any, values: list[Any]) -> Any:
+    """Numbers as an LLVM array."""
+    packed = ir.Constant(ir.ArrayType(ir.IntType(64), len(values)), ir.Undefined)
     for position, value in enumerate(values):
         packed = builder.insert_value(packed, value, position)
     return packed
@@ -95,20 +98,24 @@ def _lower_attribute(context: Any, builder: Any, kind: PackType, block: Any, nam
 
 def make_array(context: Any, builder: Any, kind: Any, address: Any, shape: list[Any], strides: list[Any]) -> Any:
     """An array of a type whose memory belongs to somebody else."""
-    array = context.make_array(kind)(context, builder)
-    array.data = builder.inttoptr(address, array.data.type)
-    array.shape = _tuple_of(builder, shape, array.shape.type)
-    array.strides = _tuple_of(builder, strides, array.strides.type)
-    array.itemsize = ir.Constant(ir.IntType(64), _itemsize(context, kind))
-    count = ir.Constant(ir.IntType(64), 1)
-    for extent in shape:
+    model, form = context.data_model_manager[kind], context.get_value_type(kind)
+    count = shape[0] if shape else ir.Constant(ir.IntType(64), 1)
+    for extent in shape[1:]:
         count = builder.mul(count, extent)
-    array.nitems = count
-    array.meminfo = ir.Constant(array.meminfo.type, None)
-    array.parent = ir.Constant(array.parent.type, None)
-    return array._getvalue()
+    array = ir.Constant(form, None)  # nobody's: without `meminfo` and `parent`
+    for name, value in (
+        ("nitems", count),
+        ("itemsize", ir.Constant(ir.IntType(64), _itemsize(context, kind))),
+        ("data", builder.inttoptr(address, form.elements[model.get_field_position("data")])),
+        ("shape", _tuple_of(builder, shape)),
+        ("strides", _tuple_of(builder, strides)),
+    ):
+        array = builder.insert_value(array, value, model.get_field_position(name))
+    return array
 
 
 def _itemsize(context: Any, kind: Any) -> int:
-    size: int = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    size = _sizes.get(kind.dtype)
+    if size is None:  # LLVM parses a module for that
+        size = _sizes[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     return size
