@@ -119,6 +119,8 @@ class Callbacks:
     stay in the cache."""
     compiling: Callable[[int, int], None] | None = None
     """While kernels are compiled, with the numbers of finished and of known jobs."""
+    hashed: Callable[[str, str], None] | None = None
+    """Once, before outputs are opened, with the SHA-256 of the log and of the scene file that they name."""
     progress: Callable[[int, int | None], None] | None = None
     """After each frame, with the frames done and their number if it is known; outputs are closed as partial if it raises."""
 

@@ -17,7 +17,7 @@ from geomphys.jit.kernel import are_compiled
 from geomphys.jit.work import progress_to
 from geomphys.load import load_world, scaled_to_log
 from geomphys.output.file_sinks import FILE_SINKS, FileSinkOptions, make_file_sink
-from geomphys.output.provenance import Provenance, provenance_of
+from geomphys.output.provenance import provenance_of
 from geomphys.output.sink import Sink, write_columns
 from geomphys.output.summary import Summarizer, Summary
 from geomphys.output.worst_moments import WorstMoments
@@ -66,7 +66,7 @@ def replay(
     OutputError
         A sink cannot write.
     """
-    with closing(_parts(as_path(log), scene, config or Config(), sinks, progress)) as parts:
+    with closing(_parts(as_path(log), scene, config or Config(), sinks, Callbacks(progress=progress))) as parts:
         for part in parts:
             for row in part.take():
                 yield part.columns.result(row)
@@ -116,23 +116,6 @@ def run(
     OutputError
         An output exists without `force`, is an input, or cannot be written.
     """
-    return run_with_provenance(
-        log, scene, out=out, rrd=rrd, config=config, force=force, options=options, callbacks=callbacks
-    )[0]
-
-
-def run_with_provenance(
-    log: AnyPath | str,
-    scene: AnyPath | str | World,
-    *,
-    out: AnyPath | str | None = None,
-    rrd: AnyPath | str | None = None,
-    config: Config | None = None,
-    force: bool = False,
-    options: OutputOptions | None = None,
-    callbacks: Callbacks | None = None,
-) -> tuple[Summary, Provenance | None]:
-    """As `run`; returns the summary, and the provenance that the outputs have, None without outputs."""
     log, config = as_path(log), config or Config()
     options, callbacks = options or OutputOptions(), callbacks or Callbacks()
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
@@ -156,15 +139,14 @@ def run_with_provenance(
         sinks = [] if out is None else [make_file_sink(out, of_sinks, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, of_sinks)]
         start = time.perf_counter()
-        compiled, provenance = are_compiled(config.method), None
-        with closing(_parts(log, world, config, sinks, callbacks.progress)) as parts:
+        compiled = are_compiled(config.method)
+        with closing(_parts(log, world, config, sinks, callbacks)) as parts:
             for part in parts:
                 if not compiled:
                     start, compiled = time.perf_counter(), True
                 for _ in part.take():
                     pass
                 summarizer.add_columns(part.columns)
-                provenance = part.provenance
         elapsed = time.perf_counter() - start
     if summarizer.frames == 0:
         time_limits = [
@@ -176,7 +158,7 @@ def run_with_provenance(
             f"with {' and '.join(time_limits)} it has no frames" if time_limits else "`geomphys check` shows the reason"
         )
         raise LogError(f"{log}: gave no frame in the scene {world.path}; {reason}")
-    return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed), provenance
+    return summarizer.summary(log=log, scene=world.path, out=out, rrd=rrd, elapsed_s=elapsed)
 
 
 @dataclass
@@ -187,7 +169,6 @@ class _Part:
     first: int
     expected: int | None
     progress: Callable[[int, int | None], None] | None
-    provenance: Provenance | None  # of the sinks' outputs
     taken: int = 0
 
     def take(self) -> Iterator[int]:
@@ -204,7 +185,7 @@ def _parts(
     scene: AnyPath | str | World,
     config: Config,
     sinks: Sequence[Sink],
-    progress: Callable[[int, int | None], None] | None,
+    callbacks: Callbacks,
 ) -> Generator[_Part, None, None]:
     """The frames of a replay, see `replay`; to be closed."""
     world = scene if isinstance(scene, World) else load_world(scene, mode=config.mode, seed=config.seed)
@@ -217,16 +198,18 @@ def _parts(
             first = next(batches, None)
             if first is None:  # nothing to write
                 return
-            provenance = provenance_of(log, world, config) if sinks else None
-            for sink in sinks:
-                assert provenance is not None
-                sink.open(world, config, provenance)
-                opened.append(sink)
+            if sinks:
+                provenance = provenance_of(log, world, config)
+                if callbacks.hashed is not None:
+                    callbacks.hashed(provenance.input_sha256, provenance.scene_sha256)
+                for sink in sinks:
+                    sink.open(world, config, provenance)
+                    opened.append(sink)
             done, encode_ns = 0, 0
             with closing(Pipeline(world, config, overlaps=can_overlap())) as pipeline:
                 for columns in _results(source, chain([first], batches), pipeline):
                     columns.stage_ns[:, -1] = encode_ns
-                    part = _Part(columns, done, source.expected_frames, progress, provenance)
+                    part = _Part(columns, done, source.expected_frames, callbacks.progress)
                     try:
                         yield part
                     finally:

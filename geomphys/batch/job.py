@@ -125,29 +125,32 @@ class _StopRequestedError(Exception):
 
 
 def _replay(job: Job, outputs: Sequence[_Output]) -> Outcome:
-    from geomphys.replays import run_with_provenance  # the batch's own process needs none of it
+    from geomphys.replays import run  # the batch's own process needs none of it
 
     out, rrd = outputs[0].work, None if job.rrd is None else outputs[1].work
+    hashes: list[str] = []
     try:
-        summary, provenance = run_with_provenance(
+        summary = run(
             job.log,
             _load_world_cached(job.scene, job.config.mode, job.config.seed, job.world_sha256),
             out=out,
             rrd=rrd,
             config=job.config,
             options=job.options,
-            callbacks=Callbacks(progress=_StopFileCheck(job.running / STOP)),
+            callbacks=Callbacks(
+                hashed=lambda *found: hashes.extend(found), progress=_StopFileCheck(job.running / STOP)
+            ),
         )
     except _StopRequestedError:
         return Outcome(status="interrupted", error="stopped before its end")
-    assert provenance is not None
-    if provenance.scene_sha256 != job.scene_sha256:
+    input_sha256, scene_sha256 = hashes
+    if scene_sha256 != job.scene_sha256:
         raise _world_changed(job.scene)
     summary = dataclasses.replace(summary, out=str(job.out), rrd=None if job.rrd is None else str(job.rrd))
     return Outcome(
         status="done",
-        input_sha256=provenance.input_sha256,
-        scene_sha256=provenance.scene_sha256,
+        input_sha256=input_sha256,
+        scene_sha256=scene_sha256,
         out_sha256=sha256_of_file(out),
         rrd_sha256=None if rrd is None else sha256_of_file(rrd),
         metrics=summary.as_dict(),
