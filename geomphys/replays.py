@@ -120,6 +120,7 @@ def run(
     options, callbacks = options or OutputOptions(), callbacks or Callbacks()
     out, rrd = (None if path is None else as_path(path) for path in (out, rrd))
     check_targets([path for path in (out, rrd) if path is not None], force=force, inputs=(log,), partial=True)
+    compiled = are_compiled(config.method)
     with progress_to(callbacks.compiling):
         world = (
             scene
@@ -139,7 +140,6 @@ def run(
         sinks = [] if out is None else [make_file_sink(out, of_sinks, default=".mcap")]
         sinks += [] if rrd is None else [FILE_SINKS[".rrd"](rrd, of_sinks)]
         start = time.perf_counter()
-        compiled = are_compiled(config.method)
         with closing(_parts(log, world, config, sinks, callbacks)) as parts:
             for part in parts:
                 if not compiled:
