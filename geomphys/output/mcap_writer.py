@@ -56,7 +56,7 @@ _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
-_ATTACHMENT_TIMES, _ATTACHMENT_PLACE = struct.Struct("<QQ"), struct.Struct("<QQ")  # logged, created; offset, length
+_ATTACHMENT_TIMES, _ATTACHMENT_EXTENT = struct.Struct("<QQ"), struct.Struct("<QQ")  # logged, created; offset, length
 _LENGTH, _CRC = struct.Struct("<Q"), struct.Struct("<I")
 
 
@@ -144,7 +144,7 @@ class McapWriter:
         self._stream.write(_RECORD_HEAD.pack(Opcode.ATTACHMENT, length) + head)
         self._stream.write(data)
         self._stream.write(_CRC.pack(zlib.crc32(data, zlib.crc32(head))))
-        entry = _ATTACHMENT_PLACE.pack(offset, _RECORD_HEAD.size + length) + times + _LENGTH.pack(len(data)) + names
+        entry = _ATTACHMENT_EXTENT.pack(offset, _RECORD_HEAD.size + length) + times + _LENGTH.pack(len(data)) + names
         self._attachments.append(_RECORD_HEAD.pack(Opcode.ATTACHMENT_INDEX, len(entry)) + entry)
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:

@@ -251,6 +251,9 @@ def put_bytes(content: Bytes, begin: int, length: int, out: Bytes, end: int) -> 
 @kernel
 def put_varint(value: int, out: Bytes, end: int) -> int:
     """Write a whole number, 7 bits a byte, lowest first, negative ones as of 64 bits, before `end`; returns where it begins."""
+    if 0 <= value < 0x80:
+        out[end - 1] = value
+        return end - 1
     size, rest = 1, (value >> 7) & 0x1FFFFFFFFFFFFFF
     while rest > 0:
         size, rest = size + 1, rest >> 7

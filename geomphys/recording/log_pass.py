@@ -17,11 +17,12 @@ from geomphys.recording.clock import FrameClock, RateClock, TopicClock
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.input_plan import is_static
 from geomphys.recording.keypoint_routes import KeypointRoute
-from geomphys.recording.message_batches import BatchAdder, batches
+from geomphys.recording.message_batches import BatchAdder
 from geomphys.recording.message_times import Watermark
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.prepared_log import PreparedLog
 from geomphys.recording.reader import RawMessage
+from geomphys.recording.reading_ahead import batches
 from geomphys.recording.routes import ChannelRoutes, RootRoute
 from geomphys.recording.routing import build_routing_table
 from geomphys.recording.stamp_monitor import StampMonitor

@@ -7,7 +7,7 @@ so are the frames that are made after them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +24,6 @@ from geomphys.recording.stamp_monitor import StampMonitor, StampTrack
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-BATCH_MESSAGES = 256
-FIRST_MESSAGES = 32
-"""Of the first batch, whose messages are added one by one."""
-BATCH_BYTES = 1 << 20
-"""A batch ends with the message that makes it larger."""
-
 
 class _Run(NamedTuple):
     """The messages of a channel in a batch, and where their values go."""
@@ -41,19 +35,6 @@ class _Run(NamedTuple):
     track: StampTrack
     values: list[tuple[RootRoute | JointRoute, Floats]]
     is_clock: bool
-
-
-def batches(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
-    """The messages in their order, many at a time."""
-    batch, size, most = list[RawMessage](), 0, FIRST_MESSAGES
-    for message in messages:
-        batch.append(message)
-        size += len(message.data)
-        if len(batch) == most or size > BATCH_BYTES:
-            yield batch
-            batch, size, most = [], 0, BATCH_MESSAGES
-    if batch:
-        yield batch
 
 
 class BatchAdder:

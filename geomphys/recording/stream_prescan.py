@@ -14,12 +14,14 @@ from geomphys.config import Config
 from geomphys.recording.channels import Content, JointSample, kind_of, make_message_reader
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.display_names import add_names
+from geomphys.recording.fixed_layout import FixedLayoutReader, JointShape
 from geomphys.recording.input_plan import Plan
 from geomphys.recording.message_layouts import PoseLayout
 from geomphys.recording.message_times import EARLY_CLOCK, MessageTimes
 from geomphys.recording.point_reader import make_point_reader
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.reader import LogChannel, LogReader, RawMessage
+from geomphys.recording.reading_ahead import batches
 from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 
 OFFSET_MESSAGES = 8  # messages of a channel whose stamp offsets are recorded
@@ -105,18 +107,51 @@ def prescan_streams(reader: LogReader, plan: Plan, config: Config, times: Messag
     probes = _probes(plan, prescan, zero_stamps_resolved=config.time != "header")
     keys = set(probes)
     delay = round(config.max_delay * 1e9)
-    for raw in reader.read(keys):
-        probe = probes[raw.key]
-        probe.messages_read += 1
-        last = probe.messages_read == probe.channel.messages
-        if last or _is_informative(probe, prescan, raw):
-            for message, content in _decode_resolved(probe, prescan, times, raw, last):
-                _record(probe, prescan, times, message, content)
-        if last or (probe.zero_stamps_resolved and _is_channel_complete(probe, prescan, delay)):
-            keys.discard(raw.key)
+    for batch in batches(reader.read(keys)):
+        if config.time == "header" and _repeats(batch, probes, prescan, times):
+            keys -= {key for key in keys if _is_channel_complete(probes[key], prescan, delay)}
             if not keys:
                 break
+            continue
+        for raw in batch:
+            if raw.key not in keys:
+                continue
+            probe = probes[raw.key]
+            probe.messages_read += 1
+            last = probe.messages_read == probe.channel.messages
+            if last or _is_informative(probe, prescan, raw):
+                for message, content in _decode_resolved(probe, prescan, times, raw, last):
+                    _record(probe, prescan, times, message, content)
+            if last or (probe.zero_stamps_resolved and _is_channel_complete(probe, prescan, delay)):
+                keys.discard(raw.key)
+                if not keys:
+                    return prescan
     return prescan
+
+
+def _repeats(
+    batch: Sequence[RawMessage], probes: dict[int, _ChannelProbe], prescan: Prescan, times: MessageTimes
+) -> bool:
+    """Whether messages that go by their stamps repeat what is known, later; then they are added to their probes."""
+    latest: dict[int, int] = {}
+    of_channel: dict[int, list[bytes]] = {}
+    for raw in batch:
+        of_channel.setdefault(raw.key, []).append(raw.data)
+    for key, messages in of_channel.items():
+        probe, read = probes[key], prescan.readers[key]
+        if probe.complete_from is None or not isinstance(read, FixedLayoutReader) or key in times.zero_stamps:
+            return False
+        columns = read.columns(messages) if probe.messages_read + len(messages) < probe.channel.messages else None
+        if columns is None or columns.stamps.min() < max(probe.complete_from, 1):
+            return False
+        shape = columns.shape
+        if not (shape.names is probe.names if isinstance(shape, JointShape) else [shape[:2]] == probe.frames):
+            return False
+        latest[key] = int(columns.stamps.max())
+    for key, time in latest.items():
+        probes[key].messages_read += len(of_channel[key])
+        probes[key].latest = max(probes[key].latest, time)
+    return True
 
 
 def _probes(plan: Plan, prescan: Prescan, *, zero_stamps_resolved: bool) -> dict[int, _ChannelProbe]:
@@ -282,9 +317,9 @@ def _record(probe: _ChannelProbe, prescan: Prescan, times: MessageTimes, raw: Ra
                 items.append((time, "", sample, pose.frame))
                 followed.add("")
             for child in followed & probe.awaited.keys():
-                frames = prescan.frame_ids.setdefault((topic, child), {})
-                if len(frames) < MAX_FRAME_IDS:
-                    frames[pose.frame] = None
+                frame_ids = prescan.frame_ids.setdefault((topic, child), {})
+                if len(frame_ids) < MAX_FRAME_IDS:
+                    frame_ids[pose.frame] = None
             stamp_offsets.setdefault(pose.child if pose.child in probe.timed_children else "", []).append(time)
     for time, name, taken, frame in items:
         if name in probe.awaited:

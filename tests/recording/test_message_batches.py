@@ -13,7 +13,7 @@ import pytest
 
 from geomphys.config import Config
 from geomphys.errors import LogError
-from geomphys.recording import channels, log_pass, message_batches
+from geomphys.recording import channels, log_pass, message_batches, stream_prescan
 from geomphys.recording.frames import FrameSource
 from geomphys.scene.world import World
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, turned, write_log
@@ -138,6 +138,33 @@ def test_the_same_frames_and_report(
         assert at_once == one_by_one
         assert added or trial, "of a steady recording most messages are added at once"
         assert made > 400 or trial or joint_rate == 50, "frames at the stamps of all streams are made at once"
+
+
+@pytest.mark.parametrize("name", IRREGULAR)
+def test_the_same_is_known_of_the_beginning(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    chance, answers = random.Random(name), list[bool]()
+    repeats = stream_prescan._repeats
+
+    def recorded(*arguments):
+        answers.append(repeats(*arguments))
+        return answers[-1]
+
+    for trial in range(8):
+        items = steady()
+        for _ in range(trial):
+            IRREGULAR[name](items, chance.randrange(140), chance)
+        path = write_log(tmp_path / f"{trial}.mcap", items)
+        found = []
+        for asked in (recorded, lambda *_: False):
+            monkeypatch.setattr(channels, "_cache", threading.local())
+            monkeypatch.setattr(stream_prescan, "_repeats", asked)
+            try:
+                with FrameSource(path, WORLD, Config()) as source:
+                    found.append({**vars(source.prescan), **vars(source.times), "readers": None, "channels": None})
+            except LogError as error:
+                found.append(str(error))
+        assert found[0] == found[1]
+        assert trial or any(answers), "of a steady recording most messages are passed over at once"
 
 
 def test_a_jump_to_another_clock_is_found_at_the_same_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
