@@ -56,7 +56,7 @@ class MotionMeter:
         jerks, factor, norms = speeds.copy(), 1.0, np.empty(positions.shape[:2])
         rows_of_numbers = positions.reshape(len(positions), -1)
         for order in range(1, ORDER + 1):
-            spans: Floats = (times[order:] - times[:-order]) * 1e-9
+            spans = np.asarray((times[order:] - times[:-order]) * 1e-9, np.float64)
             take_differences(rows_of_numbers, spans)
             factor *= order
             found = speeds if order == 1 else jerks
