@@ -15,7 +15,7 @@ import numpy as np
 
 from geomphys.collision.scratch import Corners
 from geomphys.collision.support import Core, support
-from geomphys.jit.kernel import kernel
+from geomphys.jit.kernel import inlined, kernel
 from geomphys.numerics.row_vectors import set_vec
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
 
@@ -40,7 +40,7 @@ class Goal(NamedTuple):
     share: float  # below 1: it is enough to know the distance, less `radius`, to this share, or that it is below 0
 
 
-@kernel
+@inlined
 def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec) -> tuple[Vec, Vec]:
     """Point of M = A − B farthest in direction `d`, and the point of A it comes from.
 
@@ -66,7 +66,7 @@ def on_segment(p: Vec, q: Vec) -> tuple[float, float, Vec]:
     return 1.0 - weight, weight, add_scaled(v, e, -dot(v, e) / ee)
 
 
-@kernel
+@inlined
 def on_triangle(p: Vec, q: Vec, r: Vec) -> tuple[float, float, float, Vec]:
     """Weights of the three corners, and the point of the triangle closest to the origin.
 
