@@ -5,6 +5,7 @@ from __future__ import annotations
 from geomphys.collision.support import Shapes, core_of, position_of, radius_of, rotation_of, support
 from geomphys.jit.kernel import kernel
 from geomphys.numerics.vec3 import Vec, dot, neg, rotate_back
+from geomphys.scene.arrays import SPHERE
 
 
 @kernel
@@ -16,7 +17,10 @@ def local_extent(shapes: Shapes, piece: int, d: Vec) -> float:
 @kernel
 def extent(shapes: Shapes, piece: int, n: Vec) -> float:
     """Largest n·x over the points x of a piece where its frame puts it [m]; n is a unit vector, world frame."""
-    return dot(n, position_of(shapes, piece)) + local_extent(shapes, piece, rotate_back(rotation_of(shapes, piece), n))
+    at = dot(n, position_of(shapes, piece))
+    if shapes.pieces.kind[piece] == SPHERE:
+        return at + radius_of(shapes, piece)
+    return at + local_extent(shapes, piece, rotate_back(rotation_of(shapes, piece), n))
 
 
 @kernel
