@@ -106,6 +106,15 @@ LINK_OFFSET = np.dtype(
 )
 """Offset of a link from its recorded pose, and its rates."""
 
+RECORDED_MOTION = np.dtype(
+    [
+        ("centre", np.float64, 3),  # m, of the link as recorded, world
+        ("path", np.float64, 3),  # m, by which it moved in the step
+        ("rotation", np.float64, 3),  # rad, rotation vector of the link in the step
+    ]
+)
+"""Recorded motion of a link in a step."""
+
 TREMOR = np.dtype(
     [
         ("translation", np.float64, 3),  # m, of the pivot's filtered from its recorded pose, world
@@ -193,6 +202,7 @@ class SearchWorkspace(NamedTuple):
     weight: Floats  # (B,) of each link in the objective: more where its target is far from where it was recorded
     target: Floats  # (B, 7) target of each link: of its centre, its orientation
     cached_target: Floats  # (B, 7) `target`, saved while another is tried
+    recorded: Records  # (B,) RECORDED_MOTION
     anchor: Floats  # (B, 3) m, where each link's centre would be with the offset of the last frame
     deviation_limit: Floats  # (T,) m: how far the links of a tree may move from there
     translation_limit: Floats  # (T,) m: by how much the offset of a rigid tree may change in the step
@@ -297,6 +307,7 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         weight=links.weight.copy(),
         target=np.zeros((bodies, 7)),
         cached_target=np.zeros((bodies, 7)),
+        recorded=np.zeros(bodies, RECORDED_MOTION),
         anchor=np.zeros((bodies, 3)),
         deviation_limit=np.zeros(trees),
         translation_limit=np.zeros(trees),

@@ -78,28 +78,38 @@ def clear_offsets(scene: Scene, state: DrivenState, tree: int) -> None:
         clear_link_offset(state, body)
 
 
+@noinline
+def find_recorded_motion(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats) -> None:
+    """Motion of the links of a tree from the last recorded poses to `recorded` (B, 7), into `SearchWorkspace.recorded`."""
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        motion, centre = ws.work.recorded[body], link_centre(ws, recorded, body)
+        set_vec(motion.centre, centre)
+        set_vec(motion.path, sub(centre, link_centre(ws, state.recorded.poses, body)))
+        set_vec(motion.rotation, _rotation_vector_between(state.recorded.poses, recorded, body))
+
+
 @kernel
 def _set_link_target(ws: DrivenWorkspace, recorded: Floats, body: int, translation: Vec, rotation: Vec) -> None:
     """Target of a link: its recorded pose plus an offset."""
     q = orientation_of(recorded, body)
     if rotation != (0.0, 0.0, 0.0):
         q = quat_unit(quat_mul(quat_from_rotation_vector(rotation), q))
-    set_pose(ws.work.target, body, add(link_centre(ws, recorded, body), translation), q)
+    set_pose(ws.work.target, body, add(vec_of(ws.work.recorded[body].centre), translation), q)
 
 
 @kernel
-def _retained_rate(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, body: int, dt: float) -> float:
+def _retained_rate(state: DrivenState, ws: DrivenWorkspace, body: int, dt: float) -> float:
     """Share, 0 to 1, of the rate set by contacts with which an offset goes on: less where the recorded motion comes to an end."""
     before = dt * norm(vec_of(state.link_offsets[body].recorded_velocity))
-    moved = norm(sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body)))
+    moved = norm(vec_of(ws.work.recorded[body].path))
     return 1.0 if moved >= COMING_TO_REST * before else moved / (COMING_TO_REST * before)
 
 
 @kernel
-def _drop_rates(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float) -> None:
+def _drop_rates(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, dt: float) -> None:
     """Rates that contacts have set end where the recorded motion ends: what is held still in contact stays at rest."""
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        lost = 1.0 - _retained_rate(state, ws, recorded, body, dt)
+        lost = 1.0 - _retained_rate(state, ws, body, dt)
         if lost == 0.0:
             continue
         o = state.link_offsets[body]
@@ -118,21 +128,17 @@ def _rotation_vector_between(before: Floats, after: Floats, body: int) -> Vec:
 
 
 @kernel
-def _recorded_jolt(state: DrivenState, ws: DrivenWorkspace, recorded: Floats, body: int, dt: float) -> tuple[Vec, Vec]:
+def _recorded_jolt(state: DrivenState, ws: DrivenWorkspace, body: int, dt: float) -> tuple[Vec, Vec]:
     """How far a link's recorded translation [m] and rotation [rad] are from those with its velocities of the last step."""
-    o = state.link_offsets[body]
-    path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-    rotation = _rotation_vector_between(state.recorded.poses, recorded, body)
+    o, recorded = state.link_offsets[body], ws.work.recorded[body]
     return (
-        sub(path, scale(vec_of(o.recorded_velocity), dt)),
-        sub(rotation, scale(vec_of(o.recorded_angular_velocity), dt)),
+        sub(vec_of(recorded.path), scale(vec_of(o.recorded_velocity), dt)),
+        sub(vec_of(recorded.rotation), scale(vec_of(o.recorded_angular_velocity), dt)),
     )
 
 
 @kernel
-def _continue_motion(
-    scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, dt: float
-) -> None:
+def _continue_motion(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, dt: float) -> None:
     """Move relaxed offsets of a pressed tree towards those with which its links would go on as in the last step.
 
     Offsets go on at their last rates. What is new in the recorded motion is followed in part: of the base of chains what
@@ -145,12 +151,12 @@ def _continue_motion(
     share = max(share, weights.grip_inertia * ws.work.grip[tree])
     if share == 0.0 or dt == 0.0:
         return
-    jolt, _ = _recorded_jolt(state, ws, recorded, base, dt)
+    jolt, _ = _recorded_jolt(state, ws, base, dt)
     offset = vec_of(state.link_offsets[base].last_translation)
     along = dot(offset, jolt) / (dot(offset, offset) + SMALL_OFFSET * SMALL_OFFSET)
     followed = add_scaled(jolt, offset, -along)
     for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-        o, (jolt, rotation) = state.link_offsets[body], _recorded_jolt(state, ws, recorded, body, dt)
+        o, (jolt, rotation) = state.link_offsets[body], _recorded_jolt(state, ws, body, dt)
         for i in range(3):
             there = o.last_translation[i] + dt * o.last_velocity[i] - (jolt[i] - followed[i])
             o.translation[i] += share * (there - o.translation[i])
@@ -166,13 +172,13 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     """
     trees, first, relaxation = scene.trees, scene.trees.body_start[tree], relaxation_of(scene.trees, tree, dt)
     if dt > 0.0:
-        _drop_rates(scene, state, ws, tree, recorded, dt)
+        _drop_rates(scene, state, ws, tree, dt)
     velocity_change = sub(vec_at(state.offset_velocity, tree), vec_at(state.last_offset_velocity, tree))
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         set_vec(o.last_translation, vec_of(o.translation))
         set_vec(o.last_rotation, vec_of(o.rotation))
-        set_vec_at(ws.work.anchor, body, add(link_centre(ws, recorded, body), vec_of(o.translation)))
+        set_vec_at(ws.work.anchor, body, add(vec_of(ws.work.recorded[body].centre), vec_of(o.translation)))
     if state.general_motion[tree] == 0:
         for i in range(3):
             state.offset[tree, i], state.offset_velocity[tree, i] = relax_by(
@@ -196,7 +202,7 @@ def _relax_tree(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int
     if not _has_offset(scene, state, tree):
         clear_offsets(scene, state, tree)
     else:
-        _continue_motion(scene, state, ws, tree, recorded, dt)
+        _continue_motion(scene, state, ws, tree, dt)
     for body in range(first, trees.body_start[tree + 1]):
         o = state.link_offsets[body]
         _set_link_target(ws, recorded, body, vec_of(o.translation), vec_of(o.rotation))
@@ -209,7 +215,7 @@ def _take_prescribed(
     """Offsets of a tree, and their rates, from its prescribed posture, which its links are targeted at."""
     first, prescribed = scene.trees.body_start[tree], state.prescribed_posture.poses
     for body in range(first, scene.trees.body_start[tree + 1]):
-        o, c = state.link_offsets[body], link_centre(ws, recorded, body)
+        o, c = state.link_offsets[body], vec_of(ws.work.recorded[body].centre)
         translation = sub(link_centre(ws, prescribed, body), c)
         rotation = _rotation_vector_between(recorded, prescribed, body)
         for i in range(3):
@@ -250,6 +256,7 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] != DRIVEN:
             continue
+        find_recorded_motion(scene, state, ws, tree, recorded)
         if state.prescription[tree] == PRESCRIBED and dt > 0.0:
             _take_prescribed(scene, state, ws, tree, recorded, dt)
         else:
@@ -257,8 +264,7 @@ def set_link_targets(scene: Scene, state: DrivenState, ws: DrivenWorkspace, reco
         motion = 0.0
         _set_link_weights(scene, state, ws, tree)
         for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            motion = max(motion, norm(path))
+            motion = max(motion, norm(vec_of(ws.work.recorded[body].path)))
         ws.work.deviation_limit[tree] = max(MIN_DEVIATION, DEVIATION_PER_MOTION * motion)
         ws.work.translation_limit[tree] = ws.weights.translation_speed * dt
         ws.work.closing[tree] = ws.weights.closing_speed * dt + ws.weights.closing_share * motion
@@ -287,7 +293,7 @@ def _set_rate_along(rate: Floats, by_contacts: Floats, change: Vec, moved: Vec, 
 def store_tree_offsets(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, recorded: Floats, general_motion: bool
 ) -> None:
-    """Store the offsets that a tree has in its final posture, and their rates.
+    """Store the offsets that a tree has in its final posture, and their rates; `find_recorded_motion` was called for `recorded`.
 
     Where it reached its goal the offsets are those of `set_link_targets`. The rates are too, changed by impulses, but along the
     change of an offset by contacts: there they are a share of those at which it changed, and 0 after a coupled contact solve.
@@ -310,7 +316,7 @@ def store_tree_offsets(
             rotation = rotation_vector(q)
             if orientation_of(poses, body) == orientation_of(recorded, body):
                 rotation = (0.0, 0.0, 0.0)
-            translation = sub(link_centre(ws, poses, body), link_centre(ws, recorded, body))
+            translation = sub(link_centre(ws, poses, body), vec_of(ws.work.recorded[body].centre))
         o = state.link_offsets[body]
         change, moved = sub(translation, vec_of(o.translation)), sub(translation, vec_of(o.last_translation))
         _set_rate_along(
@@ -327,11 +333,9 @@ def store_tree_offsets(
         set_vec(o.translation, translation)
         set_vec(o.rotation, rotation)
         if state.progress.dt > 0.0:
-            per_second = 1.0 / state.progress.dt
-            path = sub(link_centre(ws, recorded, body), link_centre(ws, state.recorded.poses, body))
-            rotation_of_recorded = _rotation_vector_between(state.recorded.poses, recorded, body)
-            set_vec(o.recorded_velocity, scale(path, per_second))
-            set_vec(o.recorded_angular_velocity, scale(rotation_of_recorded, per_second))
+            per_second, motion = 1.0 / state.progress.dt, ws.work.recorded[body]
+            set_vec(o.recorded_velocity, scale(vec_of(motion.path), per_second))
+            set_vec(o.recorded_angular_velocity, scale(vec_of(motion.rotation), per_second))
             set_vec(o.last_velocity, scale(sub(translation, vec_of(o.last_translation)), per_second))
             set_vec(o.last_angular_velocity, scale(sub(rotation, vec_of(o.last_rotation)), per_second))
     state.general_motion[tree] = 1 if general_motion else 0

@@ -45,7 +45,7 @@ from geomphys.driven.state import (
     DrivenWorkspace,
 )
 from geomphys.driven.stepping import measure_near_pairs
-from geomphys.driven.targets import clear_offsets, set_link_targets, store_offsets
+from geomphys.driven.targets import clear_offsets, find_recorded_motion, set_link_targets, store_offsets
 from geomphys.driven.tremor import filter_tremor
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import copy_pose
@@ -256,5 +256,8 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
         if found.free:
             break
     _finish(scene, state, ws)
+    for tree in range(len(work.mobility)):
+        if scene.trees.role[tree] == DRIVEN:
+            find_recorded_motion(scene, state, ws, tree, recorded)
     store_offsets(scene, state, ws, state.recorded.roots, state.recorded.angles, recorded)
     return iterations

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.targets import clear_link_offset, store_tree_offsets
+from geomphys.driven.targets import clear_link_offset, find_recorded_motion, store_tree_offsets
 from geomphys.driven.tremor import clear_tremor
 from geomphys.engine.state import ReplayData
 from geomphys.jit.kernel import kernel, noinline
@@ -80,6 +80,7 @@ def _put_back(scene: Scene, data: ReplayData, tree: int, roots: Floats, angles: 
         state.offset[tree, i] = state.offset_velocity[tree, i] = state.last_offset_velocity[tree, i] = 0.0
     clear_tremor(state, tree)
     state.progress.dt = 0.0  # at rest: contacts give its offsets no rate
+    find_recorded_motion(scene, state, data.workspace, tree, data.recorded)
     store_tree_offsets(scene, state, data.workspace, tree, data.recorded, not first)
     pose_pieces_of_tree(scene, tree, data.corrected, p.frames)
     pose_pieces_of_tree(scene, tree, data.corrected, p.moved)
