@@ -30,6 +30,29 @@ NEAR_SLACK = 1e-3  # m
 
 
 @kernel
+def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
+    """Number the columns of every tree that may move, and clear the problem; returns their number."""
+    work, n = ws.work, 0
+    for q in range(len(work.column)):
+        work.column[q] = -1
+    for tree in range(len(work.mobility)):
+        if scene.trees.role[tree] != DRIVEN or work.mobility[tree] == LOCKED:
+            continue
+        work.first[tree] = n
+        n += 3 if work.mobility[tree] != GENERAL_MOTION else 6
+        if work.mobility[tree] == GENERAL_MOTION:
+            for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+                if ws.links.is_unknown[q] == 1:
+                    work.column[q] = n
+                    n += 1
+    for i in range(n):
+        ws.problem.gradient[i] = 0.0
+        for j in range(i + 1):
+            ws.problem.hessian[i, j] = 0.0
+    return n
+
+
+@kernel
 def row_limit(trust_radius: float) -> float:
     """Distance [m] up to which a pair gets a row where no point moves much farther than `trust_radius` [m]."""
     return NEAR_ENOUGH * trust_radius + NEAR_SLACK

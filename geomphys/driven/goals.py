@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.constraints import add_cones, bound_unknowns
+from geomphys.driven.constraints import add_cones, bound_unknowns, number_unknowns
 from geomphys.driven.least_distance import SOLVED
-from geomphys.driven.objective import assemble, number_unknowns
+from geomphys.driven.objective import assemble
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.qp import solve_quadratic
 from geomphys.driven.starts import JUMP, moved_as_recorded, unwrapped_change

@@ -42,7 +42,7 @@ from geomphys.numerics.vec3 import (
     scale,
     sub,
 )
-from geomphys.scene.arrays import DRIVEN, JOINT_FIXED, JOINT_PRISMATIC, Scene
+from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
 from geomphys.scene.kinematics import orientation_of, position_of
 
 Floats = NDArray[np.float64]
@@ -387,26 +387,3 @@ def assemble(scene: Scene, ws: DrivenWorkspace, iterate: Posture, smooth: bool) 
             if work.column[q] >= 0:
                 h[work.column[q], work.column[q]] += REGULARISATION * ws.links.lever[q] ** 2
     return cost
-
-
-@kernel
-def number_unknowns(scene: Scene, ws: DrivenWorkspace) -> int:
-    """Number the columns of every tree that may move, and clear the problem; returns their number."""
-    work, n = ws.work, 0
-    for q in range(len(work.column)):
-        work.column[q] = -1
-    for tree in range(len(work.mobility)):
-        if scene.trees.role[tree] != DRIVEN or work.mobility[tree] == LOCKED:
-            continue
-        work.first[tree] = n
-        n += 3 if work.mobility[tree] != GENERAL_MOTION else 6
-        if work.mobility[tree] == GENERAL_MOTION:
-            for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
-                if ws.links.is_unknown[q] == 1:
-                    work.column[q] = n
-                    n += 1
-    for i in range(n):
-        ws.problem.gradient[i] = 0.0
-        for j in range(i + 1):
-            ws.problem.hessian[i, j] = 0.0
-    return n

@@ -23,14 +23,14 @@ from geomphys.collision.detect import (
     set_motion_bound,
 )
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.advancement import is_separated_on_path, path_is_free
+from geomphys.driven.advancement import is_separated_on_path, pair_motion, path_is_free
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import Posture
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import clear_travel, find_unlocked_pairs, measure_travel, pair_travel
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec_at, vec_at, vec_of
-from geomphys.numerics.vec3 import norm
+from geomphys.numerics.vec3 import Vec, norm
 from geomphys.scene.arrays import DRIVEN, Scene
 from geomphys.scene.kinematics import pose_pieces_of_tree
 
@@ -109,6 +109,16 @@ def path_of_pair_is_free(scene: Scene, ws: DrivenWorkspace, posture: Posture, k:
     return path_is_free(
         scene, work.before.poses, posture.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
     )  # fmt: skip
+
+
+@kernel
+def straight_path_is_free(scene: Scene, ws: DrivenWorkspace, a: int, b: int, bound: tuple[float, Vec]) -> bool:
+    """Whether two pieces get straight from the start of the step to the trial, where `bound` is as in `is_separated_on_path`."""
+    before, trial, p = ws.work.before.poses, ws.work.trial.poses, ws.piece_frames
+    motion, _ = pair_motion(scene, before, trial, a, b)
+    if bound[0] >= 0.0 and is_separated_on_path(scene, before, trial, a, b, bound, motion, p.before):
+        return True
+    return path_is_free(scene, before, trial, a, b, p.moved, ws.detection.axes, ws.detection.scratch)
 
 
 @kernel

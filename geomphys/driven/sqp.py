@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.detect import approximate_separation, measure_near, pair_separation, separation_bound
-from geomphys.driven.advancement import is_separated_on_path, pair_motion, path_is_free, path_tolerance
+from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
     CONTACT_DISTANCE,
     add_cones,
@@ -23,14 +23,15 @@ from geomphys.driven.constraints import (
     bound_unknowns,
     clear_spots,
     is_unlocked_pair,
+    number_unknowns,
     request_pairs_in_contact,
     row_limit,
 )
 from geomphys.driven.contacts_kept import add_touches, list_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
-from geomphys.driven.objective import assemble, link_centre, number_unknowns
+from geomphys.driven.objective import assemble, link_centre
 from geomphys.driven.qp import resume_quadratic, solve_quadratic
-from geomphys.driven.reachability import measure_listed_pairs
+from geomphys.driven.reachability import measure_listed_pairs, straight_path_is_free
 from geomphys.driven.state import LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.driven.stepping import (
     allowed_depth,
@@ -100,16 +101,6 @@ class Found(NamedTuple):
     rate_limited: bool  # stopped by the rate limit
 
 
-@kernel
-def _straight_path_is_free(scene: Scene, ws: DrivenWorkspace, a: int, b: int, bound: tuple[float, Vec]) -> bool:
-    """Whether two pieces get straight from the start of the step to the trial, where `bound` is as in `is_separated_on_path`."""
-    before, trial, p = ws.work.before.poses, ws.work.trial.poses, ws.piece_frames
-    motion, _ = pair_motion(scene, before, trial, a, b)
-    if bound[0] >= 0.0 and is_separated_on_path(scene, before, trial, a, b, bound, motion, p.before):
-        return True
-    return path_is_free(scene, before, trial, a, b, p.moved, ws.detection.axes, ws.detection.scratch)
-
-
 @noinline
 def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_known: bool) -> tuple[bool, float]:
     """Whether the paths of all near pairs from the iterate to the trial, `far` [m] at most, are certified.
@@ -153,7 +144,7 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
             scene, work.iterate.poses, work.trial.poses, a, b, ws.piece_frames.moved, ws.detection.axes, ws.detection.scratch
         ):  # fmt: skip
             return False, least
-        if mode == STRAIGHT and not _straight_path_is_free(scene, ws, a, b, (trial_separation, n)):
+        if mode == STRAIGHT and not straight_path_is_free(scene, ws, a, b, (trial_separation, n)):
             return False, least
     return True, least
 

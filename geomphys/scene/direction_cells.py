@@ -1,4 +1,4 @@
-"""Lookup tables for support points of a hull, by direction: start vertices of the hill climb, and all that can be the farthest.
+"""Tables for support points of a hull by direction: start vertices of the hill climb, and all that can be the farthest.
 
 Directions are binned on a cube map: face `2 axis + (sign < 0)` of the cube about the origin, each face a grid of
 `CELLS_PER_EDGE` squared cells, rows and columns along the next two axes.

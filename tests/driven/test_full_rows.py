@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import geomphys
-from geomphys.driven.constraints import add_cones, add_pairs, request_pairs_in_contact
-from geomphys.driven.objective import number_unknowns
+from geomphys.driven.constraints import add_cones, add_pairs, number_unknowns, request_pairs_in_contact
 from geomphys.driven.qp import make_quadratic, solve_quadratic
 from geomphys.driven.state import GENERAL_MOTION, TRANSLATION
 from geomphys.driven.stepping import measure_near_pairs
