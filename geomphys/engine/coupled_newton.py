@@ -19,7 +19,8 @@ from geomphys.numerics.vec3 import Vec, add_scaled, dot, rotate, sub
 
 STEPS = 8  # Newton steps of a proximal step
 HALVINGS = 8  # of a Newton step that does not lessen the residual
-EXACT = 0.1  # of the precision: a proximal step is solved when its residual is no more than this
+SMOOTH = 1e-2  # of the residual: after a step that leaves no more its factors serve again
+REPEATS = 4  # of a Newton step's factors
 
 
 @kernel
@@ -83,10 +84,9 @@ def set_residual(c: Coupled, s: float) -> float:
 
 @kernel
 def begin_matrix(c: Coupled) -> None:
-    """The mass matrix, and minus the residual on the right."""
+    """Set the matrix to that of the masses."""
     rows = c.solve.rows
     for i in range(rows):
-        c.step[i] = -c.rows[i].residual
         for j in range(rows):
             c.matrix[i, j] = 0.0
         c.matrix[i, i] = c.rows[i].mass
@@ -117,9 +117,9 @@ def add_to_matrix(c: Coupled, r: Constraint, s: float) -> None:
 
 
 @noinline
-def solve_matrix(c: Coupled) -> bool:
-    """Gaussian elimination without pivoting: `step` becomes the Newton step. False: the matrix is singular."""
-    rows, a, x = c.solve.rows, c.matrix, c.step
+def factorize_matrix(c: Coupled) -> bool:
+    """LU factors of the matrix, without pivoting, in its place. False: it is singular."""
+    rows, a = c.solve.rows, c.matrix
     for k in range(rows):
         if not abs(a[k, k]) > 0.0:
             return False
@@ -128,17 +128,30 @@ def solve_matrix(c: Coupled) -> bool:
         for j in range(right):
             pivot_row[j] = a[k, k + 1 + j]
         for i in range(k + 1, rows):
-            factor = inverse * a[i, k]
-            if factor != 0.0:
+            if a[i, k] != 0.0:
+                factor = inverse * a[i, k]
+                a[i, k] = factor
                 row = a[i, k + 1 : rows]  # indexed from 0, LLVM makes vectors of it
                 for j in range(right):
                     row[j] -= factor * pivot_row[j]
-                x[i] -= factor * x[k]
+    return True
+
+
+@noinline
+def substitute(c: Coupled) -> None:
+    """Set `step` to the Newton step of the present residual by the LU factors of the matrix."""
+    rows, a, x = c.solve.rows, c.matrix, c.step
+    for i in range(rows):
+        x[i] = -c.rows[i].residual
+    for k in range(rows):
+        y = x[k]
+        for i in range(k + 1, rows):
+            x[i] -= a[i, k] * y
     for k in range(rows - 1, -1, -1):
         x[k] /= a[k, k]
+        y = x[k]
         for i in range(k):
-            x[i] -= x[k] * a[i, k]
-    return True
+            x[i] -= y * a[i, k]
 
 
 @kernel
@@ -155,8 +168,9 @@ def newton_step(c: Coupled, s: float, size: float) -> float:
     for i in range(c.solve.constraints):
         if c.constraints[i].impulse[0] > 0.0:
             add_to_matrix(c, c.constraints[i], s)
-    if not solve_matrix(c):
+    if not factorize_matrix(c):
         return size
+    substitute(c)
     add_step(c, 1.0)
     part, found = 1.0, set_residual(c, s)
     for _ in range(HALVINGS):
@@ -168,25 +182,50 @@ def newton_step(c: Coupled, s: float, size: float) -> float:
     return found
 
 
+@kernel
+def repeat_step(c: Coupled, s: float, size: float, small: float) -> float:
+    """Steps with the factors of the last Newton step, down to the size `small`, while they lessen the residual as much.
+
+    Returns its size.
+    """
+    for _ in range(REPEATS):
+        if size <= small:
+            break
+        substitute(c)
+        add_step(c, 1.0)
+        found = set_residual(c, s)
+        if not found < size:
+            add_step(c, -1.0)
+            return set_residual(c, s)
+        before, size = size, found
+        if size > SMOOTH * before:
+            break
+    return size
+
+
 @noinline
 def proximal_step(c: Coupled, s: float, precision: float) -> bool:
     """One proximal step with contacts that yield by s times their effective mass: new `reference` impulses, and their velocities.
 
-    It is solved to a fraction of `precision` [m/s].
+    It is solved to `precision` [m/s].
 
     False: Newton's method does not converge, and nothing is changed.
     """
     size, lightest = set_residual(c, s), math.inf
-    for i in range(c.solve.rows):
-        if c.rows[i].mass > 0.0:
-            lightest = min(lightest, c.rows[i].mass)
-    small = lightest * (EXACT * precision) ** 2
+    for i in range(c.solve.constraints):
+        r = c.constraints[i]
+        lightest = min(lightest, r.mass_n)
+        if r.friction > 0.0:
+            lightest = min(lightest, r.mass_t)
+    small = lightest * precision * precision  # no velocity of a constraint is off by more than the precision
     for _ in range(STEPS):
         if size <= small:
             break
         before, size = size, newton_step(c, s, size)
         if not size < before:
             break
+        if size <= SMOOTH * before:
+            size = repeat_step(c, s, size, small)
     if not size <= small:
         for i in range(c.solve.rows):
             c.rows[i].change = c.rows[i].accepted

@@ -18,8 +18,9 @@ from geomphys.simulated.state import Simulation
 PROXIMAL_STEPS = 4  # of the solve of a step; up to twice as many where these leave a residual above `CREEPS`
 IMPACT_STEPS = 16  # of that of an impact
 YIELDS = 10.0  # times the effective mass: change of impulse by velocity with which contacts yield in the first of them
-YIELD_GROWTH = 5.0  # of that from one to the next; what it is divided by after one that Newton's method does not solve
+YIELD_GROWTH = 3.0  # of that from one to the next; what it is divided by after one that Newton's method does not solve
 MOST_YIELDS = 1000.0
+EXACT = 0.1  # of the residual before it, or of the precision: a proximal step is solved to this
 ROUNDS = 4  # of proximal steps and sweeps
 SWEEPS = 400  # of a round
 MANY_SWEEPS = 200  # instead of all rounds, where there are too many bodies for the tables
@@ -40,7 +41,7 @@ def make_proximal_steps(c: Coupled, steps: int, precision: float) -> float:
     for step in range(2 * steps):
         if residual <= (precision if step < steps else CREEPS):
             break
-        if proximal_step(c, s, precision):
+        if proximal_step(c, s, EXACT * max(precision, residual)):
             residual, s = natural_residual(c), min(MOST_YIELDS, YIELD_GROWTH * s)
         else:
             s /= YIELD_GROWTH

@@ -29,6 +29,7 @@ MAX_INEQUALITIES = 1 << 11
 MAX_ROWS = 128  # velocities that contacts change: a group with more is solved by sweeps
 MAX_CONSTRAINTS = 512
 MAX_TERMS = 1 << 13
+PADDING = 8  # columns of the matrix beyond its rows: those then do not share few sets of the processor's cache
 
 UNKNOWN = np.dtype(
     [
@@ -166,7 +167,7 @@ class Coupled(NamedTuple):
     blocks: Records  # BLOCK
     terms: Records  # TERM
     constraints: Records  # CONSTRAINT
-    matrix: Floats  # (R, R) of a Newton step
+    matrix: Floats  # (R, R + PADDING) of a Newton step
     step: Floats  # (R,) its right side, then its solution
     pivot_row: Floats  # (R,) workspace of its elimination
     body_rows: Ints  # (B,) first row of each body; -1: none
@@ -200,9 +201,9 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     return Coupled(
         unknowns, records, np.zeros((), SOLVE), np.zeros(MAX_EFFECTS if any_simulated else 1, EFFECT),
         np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), np.zeros(rows, ROW), np.zeros(rows // 6, BLOCK),
-        np.zeros(some * MAX_TERMS, TERM), np.zeros(some * MAX_CONSTRAINTS, CONSTRAINT), np.zeros((rows, rows)), np.zeros(rows),
-        np.zeros(rows), np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses), make_posture(scene, poses),
-        make_posture(scene, poses),
+        np.zeros(some * MAX_TERMS, TERM), np.zeros(some * MAX_CONSTRAINTS, CONSTRAINT), np.zeros((rows, rows + PADDING)),
+        np.zeros(rows), np.zeros(rows), np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses),
+        make_posture(scene, poses), make_posture(scene, poses),
     )  # fmt: skip
 
 
