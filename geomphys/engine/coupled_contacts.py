@@ -18,9 +18,10 @@ from geomphys.engine.coupled_state import Coupled
 from geomphys.engine.coupled_unknowns import solves, unknown_of_joint
 from geomphys.engine.state import ReplayData
 from geomphys.jit.kernel import kernel, noinline
-from geomphys.numerics.row_vectors import quat_of, set_vec, vec_at, vec_of
+from geomphys.numerics.row_vectors import add_vec, quat_of, set_vec, vec_at, vec_of
 from geomphys.numerics.vec3 import (
     Quat,
+    Rot,
     Vec,
     add,
     cross,
@@ -29,6 +30,7 @@ from geomphys.numerics.vec3 import (
     quat_from_rotation_vector,
     quat_mul,
     quat_rotate,
+    rotate,
     rotation_vector,
     scale,
     sub,
@@ -46,30 +48,32 @@ JOINT_LIMIT_NEAR = 0.1  # rad or m: limits of joints farther away are ignored
 
 
 @kernel
-def add_effect(c: Coupled, first: int, unknown: int, axis: int, speed: float) -> None:
-    """Add to the effect of a unit rate of an unknown along an axis, in the effects from number `first` on."""
+def add_effect(c: Coupled, first: int, unknown: int, speeds: Vec) -> None:
+    """Add to the effect of a unit rate of an unknown along the three axes, in the effects from number `first` on."""
     solve = c.solve
     for e in range(first, solve.effects):
         if c.effects[e].unknown == unknown:
-            c.effects[e].jacobian[axis] += speed
+            add_vec(c.effects[e].jacobian, speeds, 1.0)
             return
     if solve.effects == len(c.effects):
         solve.lost += 1
         return
     effect = c.effects[solve.effects]
     effect.unknown = unknown
-    set_vec(effect.jacobian, (0.0, 0.0, 0.0))
-    effect.jacobian[axis] = speed
+    set_vec(effect.jacobian, speeds)
     solve.effects += 1
 
 
 @kernel
-def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axis: int, n: Vec) -> None:
-    """Add the effects of the unknowns of a driven body's tree on the velocity of its `point` along `n` (with its sign)."""
+def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axes: Rot, sign: float) -> None:
+    """Add the effects of the unknowns of a driven body's tree on the velocity of its `point`, times `sign`, along three axes.
+
+    They are the rows of `axes`; zeros where there is none.
+    """
     tree = scene.bodies.tree[body]
     for i in range(3):
         if c.unknowns[3 * tree + i].mass > 0.0:
-            add_effect(c, first, 3 * tree + i, axis, n[i])
+            add_effect(c, first, 3 * tree + i, (sign * axes[i], sign * axes[3 + i], sign * axes[6 + i]))
     joint = body
     while joint >= 0:
         q = scene.bodies.dof[joint]
@@ -79,7 +83,7 @@ def add_effects(scene: Scene, c: Coupled, first: int, body: int, point: Vec, axi
                 direction = world_axis(scene, c.now.poses, joint)
                 if scene.bodies.joint[joint] != JOINT_PRISMATIC:
                     direction = cross(direction, sub(point, position_of(c.now.poses, joint)))
-                add_effect(c, first, k, axis, scene.bodies.multiplier[joint] * dot(direction, n))
+                add_effect(c, first, k, rotate(axes, scale(direction, sign * scene.bodies.multiplier[joint])))
         joint = scene.bodies.parent[joint]
 
 
@@ -121,12 +125,10 @@ def complete_contact(scene: Scene, data: ReplayData, r: Contact, t: float, h: fl
     set_vec(r.slip_debt, quat_rotate(quat_of(sim.motion[r.a].orientation), debt))
     if not is_simulated(sim, r.b):
         travel = displacement(scene, data, r.b, point, t, h)
-        axes = (vec_of(r.normal), vec_of(r.tangent), vec_of(r.binormal))
-        for axis in range(3):
-            n = axes[0] if axis == 0 else (axes[1] if axis == 1 else axes[2])
-            r.prescribed[axis] = -dot(travel, n) / h
-            if is_solved(scene, c, r.b):
-                add_effects(scene, c, r.first_effect, r.b, point, axis, scale(n, -1.0))
+        axes = (*vec_of(r.normal), *vec_of(r.tangent), *vec_of(r.binormal))
+        set_vec(r.prescribed, scale(rotate(axes, travel), -1.0 / h))
+        if is_solved(scene, c, r.b):
+            add_effects(scene, c, r.first_effect, r.b, point, axes, -1.0)
         for i in range(6):
             sim.velocity[r.b, i] = 0.0
     r.end_effect = c.solve.effects
@@ -169,7 +171,7 @@ def find_inequalities(scene: Scene, data: ReplayData, t: float, h: float, margin
             sign = 1.0 if side == 0 else -1.0
             prescribed += sign * dot(displacement(scene, data, body, point, t, h), n) / h
             if is_solved(scene, c, body):
-                add_effects(scene, c, first, body, point, 0, scale(n, sign))
+                add_effects(scene, c, first, body, point, (*n, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), sign)
         add_inequality(c, first, clearance, prescribed)
 
 
@@ -202,7 +204,7 @@ def add_joint_limits(scene: Scene, data: ReplayData, tree: int, h: float) -> Non
             clearance = angle - low if side == 0 else high - angle
             if clearance < JOINT_LIMIT_NEAR:
                 first = c.solve.effects
-                add_effect(c, first, k, 0, sign)
+                add_effect(c, first, k, (sign, 0.0, 0.0))
                 add_inequality(c, first, clearance, sign * change / h)
 
 
@@ -228,11 +230,15 @@ def rotate_arms(scene: Scene, data: ReplayData, t: float, h: float) -> None:
     A body that rotates with body b of a contact keeps its distance from the axis then: otherwise a turntable would throw its
     load outwards by ω² r h. The arm of a ball that rolls on b does not change.
     """
-    sim = data.simulated
+    sim, support = data.simulated, -1
+    of_support, omega = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
-        half = half_rotation(scene, data, r.b, t, h)
-        omega = scale(rotation_vector(half), 2.0 / h)
+        if r.b != support:
+            support = r.b
+            of_support = half_rotation(scene, data, support, t, h)
+            omega = scale(rotation_vector(of_support), 2.0 / h)
+        half = of_support
         if not rotates_with(vec_of(sim.motion[r.a].angular_velocity), omega):
             half = (0.0, 0.0, 0.0, 1.0)
         set_vec(r.arm_a, quat_rotate(half, sub(vec_of(r.point), vec_of(sim.motion[r.a].position))))
