@@ -347,8 +347,8 @@ def distance_from_path(ws: DrivenWorkspace, poses: Floats, body: int) -> float:
 
 @kernel
 def _step_length_within(before: float, after: float, most: float) -> float:
-    """The step length after which a distance, convex along it and `after` above `most`, is `most`, or as it was."""
-    if after <= before + 1e-9:
+    """The step length after which a distance, convex along it, is `most`, or as it was; 1: it stays below."""
+    if after <= most or after <= before + 1e-9:
         return 1.0
     return max(most - before, 0.0) / (after - before)
 
