@@ -32,8 +32,6 @@ from geomphys.scene.kinematics import frame_position, frame_rotation, orientatio
 
 RIM = 16
 """Corners that stand for a cylinder's cap."""
-CLEARLY = 1e-12
-"""m: a corner that is farther by more, in a direction of unit length, is so whatever the rounding."""
 TILT = 0.01
 """Sine of the angle from which on a capsule's feature is its end instead of its side."""
 
@@ -137,8 +135,8 @@ def support(core: Core, d: Vec) -> Vec:
 def farthest_corner(core: Core, d: Vec) -> int:
     """Corner of a hull farthest in direction `d`.
 
-    It is that of the few rivals in the direction's cell which clearly is; else hill climbing starts at the corner stored for
-    the cell, and ends at one without a farther neighbour, which on a convex surface is the farthest of all.
+    Hill climbing starts at the corner stored for the direction's cell, and ends at one without a farther neighbour, which on
+    a convex surface is the farthest of all.
     """
     # unsigned: numba omits the check for negative indices
     pieces, vertices = core.pieces, core.pieces.vertices
@@ -152,29 +150,13 @@ def farthest_corner(core: Core, d: Vec) -> int:
                 reach = x
                 best = i
         return int(np.int64(best))
-    cell: Any = np.uintp(core.cells + cell_of(d))
-    start: Any = np.uintp(pieces.rival_start[cell])
-    end: Any = np.uintp(pieces.rival_start[cell + np.uintp(1)])
-    if end == start + np.uintp(1):
-        return int(pieces.rivals[start])
-    if end > start:
-        reach, second = -np.inf, -np.inf
-        for k in range(start, end):
-            other: Any = np.uintp(pieces.rivals[k])
-            x = dot(vec_at(vertices, first + other), d)
-            second = max(second, min(x, reach))
-            if x > reach:
-                reach = x
-                best = other
-        if reach - second > CLEARLY * (abs(d[0]) + abs(d[1]) + abs(d[2])):
-            return int(np.int64(best))
-    best = np.uintp(pieces.cells[cell])
+    best = np.uintp(pieces.cells[np.uintp(core.cells + cell_of(d))])
     reach = dot(vec_at(vertices, first + best), d)
     while True:
         at = best
         start = first + at
         for k in range(np.uintp(pieces.neighbour_start[start]), np.uintp(pieces.neighbour_start[start + np.uintp(1)])):
-            other = np.uintp(pieces.neighbours[k])
+            other: Any = np.uintp(pieces.neighbours[k])
             x = dot(vec_at(vertices, first + other), d)
             if x > reach:
                 reach = x

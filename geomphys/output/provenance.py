@@ -26,9 +26,6 @@ from geomphys.version import __version__
 METADATA_RECORD = "geomphys"
 MEASURES = ("intersection_volume_m3",)
 """Keys of the record that are results."""
-ONLY_SAVE_TIME = ("rival_start", "rivals")
-"""Arrays of a scene that no result depends on."""
-
 NON_PARAMETER_KEYS = ("version", "input_sha256", "scene_sha256", "world_sha256", *MEASURES, "complete")
 """Keys of the record that are not parameters."""
 
@@ -129,10 +126,7 @@ def sha256_of_log(path: AnyPath) -> str:
 
 @lru_cache(maxsize=4)
 def sha256_of_world(world: World) -> str:
-    """SHA-256 of a world's arrays and names: everything besides log and parameters that the result of a replay depends on.
-
-    Tables that only save time are left out.
-    """
+    """SHA-256 of a world's arrays and names: everything besides log and parameters that the result of a replay depends on."""
     digest = hashlib.sha256()
     for names in (world.tree_names, world.body_names, world.frame_names, world.dof_names):
         digest.update(json.dumps(names).encode())
@@ -147,9 +141,8 @@ def _update_digest(digest: hashlib._Hash, file: Scene | tuple[object, ...] | np.
         digest.update(f"{file.dtype.str}{file.shape}".encode())
         digest.update(np.ascontiguousarray(file).tobytes())
         return
-    names = getattr(file, "_fields", ("",) * len(file))
-    for name, inner in zip(names, file, strict=True):
-        if isinstance(inner, (tuple, np.ndarray)) and name not in ONLY_SAVE_TIME:
+    for inner in file:
+        if isinstance(inner, (tuple, np.ndarray)):
             _update_digest(digest, inner)
 
 

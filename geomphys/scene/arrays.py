@@ -57,9 +57,6 @@ class Pieces(NamedTuple):
     neighbours: Ints32  # (N,) vertices joined by an edge of the hull, as indices local to the piece
     cell_start: Ints  # (P,) first of the piece's CELLS entries of `cells`; -1: it has none
     cells: Ints32  # start vertex of the hill climb to the support point, by the direction's cell; local to the piece
-    # (C + 1,) rows of `rivals` of each entry of `cells`; none where they are many, and the hill is climbed
-    rival_start: Ints32
-    rivals: Ints32  # vertices that can be the support point in the cell; local to the piece
     face_start: Ints  # (P + 1,) rows of `planes` and of `loop_start`
     planes: Floats  # (F, 4) outward unit normal and offset: n·x <= d; coplanar triangles merged
     loop_start: Ints  # (F + 1,) rows of `loops`

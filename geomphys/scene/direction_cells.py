@@ -1,4 +1,4 @@
-"""Tables for support points of a hull by direction: start vertices of the hill climb, and all that can be the farthest.
+"""Lookup table of approximate support points of a hull: start vertices of the hill climb, by direction.
 
 Directions are binned on a cube map: face `2 axis + (sign < 0)` of the cube about the origin, each face a grid of
 `CELLS_PER_EDGE` squared cells, rows and columns along the next two axes.
@@ -15,12 +15,6 @@ from geomphys.scene.arrays import Floats, Ints
 CELLS_PER_EDGE = 16
 """Cells along an edge of the cube."""
 CELLS = 6 * CELLS_PER_EDGE * CELLS_PER_EDGE
-CELLS_AT_ONCE = 256
-"""For which rivals are searched together: memory stays small."""
-MAX_RIVALS = 8
-"""More vertices in a cell are not listed: climbing from the middle is as quick."""
-RIVAL_MARGIN = 1e-9
-"""Of a hull's size: vertices exceeded by less stay rivals."""
 
 
 @kernel
@@ -58,49 +52,3 @@ def farthest_in_cells(vertices: Floats) -> Ints:
     """(CELLS,) index of the vertex (of (n, 3)) that is the support point in the direction of each cell's centre."""
     found: Ints = np.argmax(cell_centres() @ vertices.T, axis=1).astype(np.int64)
     return found
-
-
-def rivals_in_cells(vertices: Floats) -> tuple[Ints, Ints]:
-    """Vertices (of (n, 3)) that can be the support point in some direction of each cell, and perhaps some more.
-
-    One that another exceeds in all four corners of a cell, by more than rounding, is exceeded in all of it.
-
-    Returns
-    -------
-    tuple
-        ((CELLS,) number of them, 0 where they are more than `MAX_RIVALS`; their indices, cell by cell in ascending order).
-    """
-    margin = RIVAL_MARGIN * float(np.ptp(vertices, axis=0).max())
-    counts: list[Ints] = []
-    rivals: list[Ints] = []
-    for corners in np.split(cell_corners(), CELLS // CELLS_AT_ONCE):
-        reach = corners @ vertices.T  # (cells, 4, n)
-        best = reach.sum(axis=1).argmax(axis=1)  # in the middle of the cell
-        cell, vertex = np.nonzero((reach >= _of(reach, best)[:, :, None] - margin).any(axis=1))
-        for k in range(4):
-            best = reach[:, k].argmax(axis=1)
-            stays = (reach[cell, :, vertex] >= _of(reach, best)[cell] - margin).any(axis=1)
-            cell, vertex = cell[stays], vertex[stays]
-        count = np.bincount(cell, minlength=len(corners))
-        few = count[cell] <= MAX_RIVALS
-        counts.append(np.where(count <= MAX_RIVALS, count, 0))
-        rivals.append(vertex[few])
-    return np.concatenate(counts).astype(np.int64), np.concatenate(rivals).astype(np.int64)
-
-
-def cell_corners() -> Floats:
-    """(CELLS, 4, 3) directions through the corners of every cell, which are a little larger than it."""
-    centres, half = cell_centres(), 1.0 / CELLS_PER_EDGE + 1e-9
-    corners = np.repeat(centres[:, None], 4, axis=1)
-    cells = np.arange(CELLS)
-    axis = cells // (2 * CELLS_PER_EDGE * CELLS_PER_EDGE)
-    for k in range(4):
-        corners[cells, k, (axis + 1) % 3] += half if k % 2 else -half
-        corners[cells, k, (axis + 2) % 3] += half if k // 2 else -half
-    return corners
-
-
-def _of(reach: Floats, vertex: Ints) -> Floats:
-    """(cells, 4) entries of `reach` (cells, 4, n) of one vertex of each cell."""
-    picked: Floats = np.take_along_axis(reach, vertex[:, None, None], axis=2)[:, :, 0]
-    return picked

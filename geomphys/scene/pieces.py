@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from geomphys.errors import MeshError
 from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Ints, Pieces
-from geomphys.scene.direction_cells import CELLS, farthest_in_cells, rivals_in_cells
+from geomphys.scene.direction_cells import CELLS, farthest_in_cells
 from geomphys.scene.hulls import Polytope, polytope
 
 
@@ -42,7 +42,6 @@ class Row(NamedTuple):
     thickness: float
     polytope: Polytope
     cells: Ints | None = None
-    rivals: tuple[Ints, Ints] | None = None  # as of `rivals_in_cells`
 
 
 def _box_polytope() -> Polytope:
@@ -182,9 +181,8 @@ class Hull(Shape):
         centre = (float(solid.centre[0]), float(solid.centre[1]), float(solid.centre[2]))
         large = len(solid.vertices) > HILL_CLIMB_MIN_VERTICES
         cells = farthest_in_cells(solid.vertices - solid.centre) if large else None
-        rivals = rivals_in_cells(solid.vertices - solid.centre) if large else None
         x, y, z = (0.5 * np.ptp(solid.vertices, axis=0)).tolist()
-        return Row(HULL, (x, y, z), centre, reach, solid.thickness, solid, cells, rivals)
+        return Row(HULL, (x, y, z), centre, reach, solid.thickness, solid, cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +226,6 @@ def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
             hulls[key] = row
         rows.append(row)
     solids = [r.polytope for r in rows]
-    rivals = [r.rivals for r in rows if r.rivals is not None]
     has_cells = np.array([r.cells is not None for r in rows], dtype=bool)
     local = np.empty((len(shapes), 12))
     for k, p in enumerate(shapes):
@@ -250,8 +247,6 @@ def build_pieces(shapes: Sequence[PosedShape]) -> Pieces:
         neighbours=_joined([s.neighbours for s in solids]).astype(np.int32),
         cell_start=np.where(has_cells, CELLS * (np.cumsum(has_cells) - 1), -1).astype(np.int64),
         cells=_joined([r.cells for r in rows if r.cells is not None]).astype(np.int32),
-        rival_start=_start_offsets(_joined([count for count, _ in rivals])).astype(np.int32),
-        rivals=_joined([vertices for _, vertices in rivals]).astype(np.int32),
         face_start=_start_offsets([len(s.planes) for s in solids]),
         planes=_stacked([s.planes for s in solids], 4),
         loop_start=_start_offsets(_joined([s.loop_count for s in solids])),

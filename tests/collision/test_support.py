@@ -48,21 +48,6 @@ def test_no_point_lies_farther(shape: Shape) -> None:
     assert np.allclose(reached, extent(shape, directions), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("shape", [s for s in SHAPES if isinstance(s, Hull)], ids=lambda s: str(len(s.vertices)))
-def test_rivals_of_a_cell_only_save_time(shape: Shape) -> None:
-    """The corner is the one that climbing finds, also where several are as far: towards faces, and across edges."""
-    pieces = build_pieces([PosedShape(shape, np.eye(4), 0)])
-    climbing = pieces._replace(rival_start=np.zeros_like(pieces.rival_start))
-    rng, corners = np.random.default_rng(1), pieces.vertices
-    edges = corners[rng.integers(len(corners), size=500)] - corners[rng.integers(len(corners), size=500)]
-    across = np.cross(edges, rng.normal(size=(500, 3)))
-    directions = np.vstack([rng.normal(size=(3000, 3)), pieces.planes[:, :3], across, np.zeros((1, 3))])
-    points, climbed = np.zeros_like(directions), np.zeros_like(directions)
-    supports(pack(pieces), np.zeros((1, 12)), directions, points)
-    supports(pack(climbing), np.zeros((1, 12)), directions, climbed)
-    assert np.array_equal(points, climbed)
-
-
 def test_balls_and_capsules_are_seen_as_their_cores() -> None:
     directions = np.array([[0.6, 0.0, 0.8], [0.6, 0.0, -0.8]])
     points = np.zeros((2, 3))

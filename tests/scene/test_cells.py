@@ -4,15 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geomphys.scene.direction_cells import (
-    CELLS,
-    CELLS_PER_EDGE,
-    MAX_RIVALS,
-    cell_centres,
-    cell_of,
-    farthest_in_cells,
-    rivals_in_cells,
-)
+from geomphys.scene.direction_cells import CELLS, CELLS_PER_EDGE, cell_centres, cell_of, farthest_in_cells
 
 
 def test_the_middle_of_a_cell_lies_in_it() -> None:
@@ -35,26 +27,3 @@ def test_a_cell_names_the_corner_that_lies_farthest_in_its_middle() -> None:
     corners = np.random.default_rng(6).normal(size=(60, 3))
     reach = corners @ cell_centres().T
     assert np.array_equal(reach.max(axis=0), reach[farthest_in_cells(corners), np.arange(CELLS)])
-
-
-def test_the_rivals_of_a_cell_are_all_that_lie_farthest_in_it_somewhere() -> None:
-    rng = np.random.default_rng(7)
-    corners = rng.normal(size=(200, 3)) * (1.0, 0.5, 0.1)
-    counts, rivals = rivals_in_cells(corners)
-    start = np.concatenate(([0], np.cumsum(counts)))
-    assert len(rivals) == start[-1]
-    assert counts.max() <= MAX_RIVALS
-    assert {1, 2} <= set(counts.tolist())
-    directions = np.vstack(
-        [rng.normal(size=(5000, 3)), cell_centres() + rng.uniform(-1.0, 1.0, (CELLS, 3)) / CELLS_PER_EDGE]
-    )
-    for direction, farthest in zip(directions, (directions @ corners.T).argmax(axis=1), strict=True):
-        x, y, z = direction.tolist()
-        k = cell_of((x, y, z))
-        assert counts[k] == 0 or farthest in rivals[start[k] : start[k + 1]]
-
-
-def test_where_many_lie_farthest_there_are_no_rivals() -> None:
-    corners = np.random.default_rng(8).normal(size=(5000, 3))
-    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
-    assert (rivals_in_cells(corners)[0] == 0).any()
