@@ -69,10 +69,10 @@ def test_inequalities_and_effects_of_the_coupled_solve_without_a_row_are_counted
     """Its tables hold one row each in a scene without simulated bodies."""
     coupled = table[2].coupled
     packed = pack(coupled)
-    add_effect(packed, 0, 0, 0, 1.0)
+    add_effect(packed, 0, 0, (1.0, 0.0, 0.0))
     add_inequality(packed, 0, 0.1, 0.0)
     assert coupled.solve["lost"] == 0
-    add_effect(packed, 0, 1, 0, 1.0)
+    add_effect(packed, 0, 1, (1.0, 0.0, 0.0))
     assert coupled.solve["lost"] == 1
     add_inequality(packed, 0, 0.1, 0.0)
     assert coupled.solve["lost"] == 2

@@ -212,8 +212,8 @@ def test_joints_in_series_yield_together_by_the_stiffness_of_the_coupling(tmp_pa
     sim.slots[0, 0]["normal_force"] = 2.5
     arms = np.random.default_rng(count).uniform(0.05, 0.3, count)
     for q, arm in enumerate(arms):
-        add_effect(packed.coupled, 0, first + q, 0, -arm)
-    add_effect(packed.coupled, 0, 2, 0, -1.0)  # the root's offset does not count among the joints
+        add_effect(packed.coupled, 0, first + q, (-arm, 0.0, 0.0))
+    add_effect(packed.coupled, 0, 2, (-1.0, 0.0, 0.0))  # the root's offset does not count among the joints
     r["first_effect"], r["end_effect"] = 0, count + 1
     for _ in range(200):
         fit_stiffness(scene, packed.simulated, packed.coupled)

@@ -48,7 +48,7 @@ def inequality(data: ReplayData, *speeds: tuple[int, float], prescribed: float =
     c, packed = data.coupled, pack(data.coupled)
     first, k = int(c.solve["effects"]), int(c.solve["inequalities"])
     for unknown, speed in speeds:
-        add_effect(packed, first, unknown, 0, speed)
+        add_effect(packed, first, unknown, (speed, 0.0, 0.0))
     add_inequality(packed, first, 0.1, prescribed)
     c.inequalities[k]["target_speed"] = target
     set_inequality_response(packed, k)
