@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
-
-from geomphys.jit.kernel import kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,45 +45,23 @@ class MotionMeter:
             self._times, self._positions = times[:0], positions[:0]
         history = len(self._times)
         times, positions = np.concatenate([self._times, times]), np.concatenate([self._positions, positions])
-        self._times, self._positions = times[-ORDER:], positions[-ORDER:].copy()
+        self._times, self._positions = times[-ORDER:], positions[-ORDER:]
         steps = np.diff(times, prepend=times[:1]) * 1e-9
         valid = (steps > 0.0) & (steps <= MAX_STEP_S)
         speeds, gap_free = np.full(positions.shape[:2], np.nan), valid
-        jerks, factor, norms = speeds.copy(), 1.0, np.empty(positions.shape[:2])
-        rows_of_numbers = positions.reshape(len(positions), -1)
+        jerks, differences, factor = speeds.copy(), positions, 1.0
         for order in range(1, ORDER + 1):
-            spans = np.asarray((times[order:] - times[:-order]) * 1e-9, np.float64)
-            take_differences(rows_of_numbers, spans)
+            span = (times[order:] - times[:-order]) * 1e-9
+            with np.errstate(divide="ignore", invalid="ignore"):  # equal times: no derivative
+                differences = np.diff(differences, axis=0) / span[:, None, None, None]
             factor *= order
             found = speeds if order == 1 else jerks
             if order in (1, ORDER) and positions.shape[2]:
-                largest_norms(positions, norms)
                 rows = np.flatnonzero(gap_free[order:])
-                found[rows + order] = factor * norms[rows]
+                vectors = differences if len(rows) == len(differences) else differences[rows]
+                found[rows + order] = factor * np.sqrt(np.einsum("nkbj,nkbj->nkb", vectors, vectors).max(axis=2))
             gap_free = gap_free & np.concatenate([[False] * order, valid[:-order]]) if len(times) > order else gap_free
         return speeds[history:], jerks[history:]
-
-
-@kernel
-def take_differences(values: Floats, spans: Floats) -> None:
-    """Replace each of the first k rows (n, m) by its difference to the next, over the span (k,) between them; of 0: no number."""
-    for i in range(len(spans)):
-        for j in range(values.shape[1]):
-            values[i, j] = (values[i + 1, j] - values[i, j]) / spans[i]
-
-
-@kernel
-def largest_norms(vectors: Floats, norms: Floats) -> None:
-    """The largest norms (n, k) of b vectors (n, k, b, 3); NaN where a vector is none."""
-    for n in range(len(vectors)):
-        for k in range(vectors.shape[1]):
-            largest = 0.0
-            for b in range(vectors.shape[2]):
-                x, y, z = vectors[n, k, b, 0], vectors[n, k, b, 1], vectors[n, k, b, 2]
-                square = x * x + z * z + y * y
-                if square > largest or square != square:
-                    largest = square
-            norms[n, k] = math.sqrt(largest)
 
 
 def third_derivatives(times: Ints, values: Floats) -> tuple[Floats, NDArray[np.bool_]]:
