@@ -38,6 +38,8 @@ class Control:
     """Whether another job may start; once false, the executor only waits for running jobs."""
     request_stop: Callable[[], None]
     """Ask the running jobs to stop."""
+    ends_at_failure: bool
+    """Whether no job may start once another one has failed."""
 
 
 POLL_S = 0.1
@@ -53,7 +55,8 @@ def run_in_processes(
 ) -> Generator[Finished, None, None]:
     """Run jobs in up to `count` worker processes, to which the world is sent once.
 
-    With several processes the largest logs come first, which balances their load.
+    With several processes the largest logs come first, which balances their load. Each process has its next job before it ends
+    one, unless none may start after a failure.
 
     Until the kernels are compiled only one job runs, so that they are compiled once. Where a process dies (killed, out
     of memory), the jobs that ran then run again one at a time; one whose process dies again has failed.
@@ -62,8 +65,9 @@ def run_in_processes(
     retries: JobQueue = deque()
     while (queue or retries) and control.may_start():
         one_at_a_time = bool(retries)
+        most = 1 if one_at_a_time else count if control.ends_at_failure else 2 * count
         lost_jobs = yield from _run_until_process_dies(
-            retries if one_at_a_time else queue, world, 1 if one_at_a_time else count, control
+            retries if one_at_a_time else queue, world, 1 if one_at_a_time else count, most, control
         )
         if one_at_a_time and lost_jobs:
             yield lost_jobs[0][0], Outcome(status="failed", error="its process died twice; was it short of memory?")
@@ -72,9 +76,9 @@ def run_in_processes(
 
 
 def _run_until_process_dies(
-    queue: JobQueue, world: World, count: int, control: Control
+    queue: JobQueue, world: World, count: int, most: int, control: Control
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
-    """Run a queue until it is empty or a process dies; returns the jobs that ran when it died.
+    """Run a queue in `count` processes until it is empty or one dies; returns the jobs that they had then, `most` of them.
 
     The outcome of a job is reported once the next one is at work; that of a failed job at once, as none may start after it.
     """
@@ -86,7 +90,7 @@ def _run_until_process_dies(
         while (running or queue) and not lost_jobs:
             while (
                 queue
-                and len(running) < (count if are_compiled(queue[0][1].config.method) else 1)
+                and len(running) < (most if are_compiled(queue[0][1].config.method) else 1)
                 and control.may_start()
             ):
                 with signals_deferred():

@@ -177,7 +177,11 @@ def run_batch(
         ]
         failed = False
 
-        control = Control(may_start=lambda: options.keep_going or not failed, request_stop=(running / STOP).touch)
+        control = Control(
+            may_start=lambda: options.keep_going or not failed,
+            request_stop=(running / STOP).touch,
+            ends_at_failure=not options.keep_going,
+        )
         finished = _execute(tasks, world, options, control)
         done = len(up_to_date)
         if callbacks.progress is not None:

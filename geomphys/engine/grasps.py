@@ -87,10 +87,12 @@ class GraspMeter:
         rows = np.flatnonzero(dts > 0.0)
         frame_of_contact = np.repeat(np.cumsum(dts > 0.0) - 1, np.diff(contact_end))
         frame_of_contact[np.repeat(dts <= 0.0, np.diff(contact_end))] = -1
+        gripping = contacts.normal_impulse > 0.0
+        gripping &= self._driven[contacts.body_a] | self._driven[contacts.body_b]
         found: dict[int, tuple[tuple[str, str], ...]] = {}
         for body, seen in self._bodies.items():
             of_body = ((contacts.body_a == body) | (contacts.body_b == body)) & (frame_of_contact >= 0)
-            if len(rows) and (of_body.any() or seen.sole_support_s > 0.0):
+            if len(rows) and (seen.sole_support_s > 0.0 or (of_body & gripping).any()):
                 own = Contacts._make(column[of_body] for column in contacts)
                 loads = self._loads(body, seen, dts[rows], own, frame_of_contact[of_body], poses[rows, body])
                 for row, *load in zip(rows.tolist(), *(column.tolist() for column in loads), strict=True):
