@@ -103,9 +103,3 @@ def relax(x: float, v: float, mass: float, stiffness: float, damping: float, dt:
 def relaxation_of(trees: Trees, tree: int, dt: float) -> Relaxation:
     """`relaxation` with the coupling of a tree."""
     return relaxation(trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt)
-
-
-@kernel
-def relax_offset(trees: Trees, tree: int, x: float, v: float, dt: float) -> tuple[float, float]:
-    """`relax` with the coupling of a tree."""
-    return relax(x, v, trees.mass[tree], trees.stiffness[tree], trees.damping[tree], dt)

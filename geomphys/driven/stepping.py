@@ -72,14 +72,6 @@ def pose_unlocked_links(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
 
 
 @noinline
-def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
-    """Pose the trees being solved, and their pieces."""
-    for tree in range(len(ws.work.mobility)):
-        if ws.work.mobility[tree] != LOCKED:
-            pose_with_pieces(scene, ws, posture, tree)
-
-
-@noinline
 def copy_unlocked(scene: Scene, ws: DrivenWorkspace, source: Posture, target: Posture) -> None:
     """Copy the trees being solved."""
     for tree in range(len(ws.work.mobility)):
@@ -112,6 +104,13 @@ def pose_unlocked_pieces(scene: Scene, ws: DrivenWorkspace, posture: Posture) ->
     for tree in range(len(ws.work.mobility)):
         if ws.work.mobility[tree] != LOCKED:
             pose_pieces_of_tree(scene, tree, posture.poses, ws.piece_frames.frames)
+
+
+@noinline
+def pose_unlocked(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> None:
+    """Pose the trees being solved, and their pieces."""
+    pose_unlocked_links(scene, ws, posture)
+    pose_unlocked_pieces(scene, ws, posture)
 
 
 @noinline

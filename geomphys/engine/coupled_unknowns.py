@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.coupling import relax, relax_offset
+from geomphys.driven.coupling import relax, relax_by, relaxation_of
 from geomphys.driven.postures import Posture, copy_tree
 from geomphys.driven.starts import JUMP, wrapped
 from geomphys.engine.coupled_state import Coupled
@@ -133,10 +133,10 @@ def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
     t = c.trees[tree]
     if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
         return
-    x, v = rotation_vector(quat_of(t.rotation_offset)), t.rotation_offset_rate
-    x0, v[0] = relax_offset(scene.trees, tree, x[0], v[0], dt)
-    x1, v[1] = relax_offset(scene.trees, tree, x[1], v[1], dt)
-    x2, v[2] = relax_offset(scene.trees, tree, x[2], v[2], dt)
+    x, v, r = rotation_vector(quat_of(t.rotation_offset)), t.rotation_offset_rate, relaxation_of(scene.trees, tree, dt)
+    x0, v[0] = relax_by(r, x[0], v[0])
+    x1, v[1] = relax_by(r, x[1], v[1])
+    x2, v[2] = relax_by(r, x[2], v[2])
     set_quat(t.rotation_offset, quat_from_rotation_vector((x0, x1, x2)))
 
 

@@ -126,7 +126,7 @@ def _introduce_kernels() -> None:
     _known.update(instructions, definitions.values())
 
 
-class _Inside(types.Dispatcher):  # type: ignore[misc]
+class _Inside(types.Dispatcher):  # type: ignore[misc] # numba has no types for mypy
     """Type of a kernel that is compiled into its callers: for an int64, not for each constant that a caller gives."""
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:

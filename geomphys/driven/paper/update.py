@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geomphys.collision.sweep import update_boxes
-from geomphys.driven.coupling import relax_offset
+from geomphys.driven.coupling import relax_by, relaxation_of
 from geomphys.driven.groups import INTERPOLATED, Outcome
 from geomphys.driven.paper.chains import update_tree
 from geomphys.driven.paper.descent import fit_cone
@@ -58,10 +58,10 @@ def attract(
     scene: Scene, state: DrivenState, w: PaperWorkspace, tree: int, roots: Floats, angles: Floats, dt: float
 ) -> None:
     """Relax the offsets of a tree by (6) over `dt` [s] and set the iterate; without an offset it is the recording."""
-    trees = scene.trees
+    trees, relaxation = scene.trees, relaxation_of(scene.trees, tree, dt)
     copy_pose(roots, tree, w.iterate.roots, tree)
     for i in range(3):
-        x, v = relax_offset(trees, tree, state.offset[tree, i], state.offset_velocity[tree, i], dt)
+        x, v = relax_by(relaxation, state.offset[tree, i], state.offset_velocity[tree, i])
         state.offset_velocity[tree, i] = v
         if x != 0.0:
             w.iterate.roots[tree, i] += x
@@ -69,7 +69,7 @@ def attract(
         offset, rate = state.last.angles[q] - state.recorded.angles[q], w.joint_rate[q]
         if not abs(rate) < FASTEST:
             rate = 0.0
-        offset, w.joint_rate[q] = relax_offset(trees, tree, offset, rate, dt)
+        offset, w.joint_rate[q] = relax_by(relaxation, offset, rate)
         w.iterate.angles[q] = angles[q]
         if offset != 0.0:
             w.iterate.angles[q] = min(max(angles[q] + offset, w.lower[q]), w.upper[q])
