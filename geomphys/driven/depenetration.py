@@ -1,7 +1,7 @@
 """Depenetration search: a free translation, near by, of a tree that starts inside something, along many directions.
 
 Only the first frame, or bodies that have closed on a tree, need it. In the first frame any free position is valid; later
-only one that can be reached. Distances grow by the factor `FARTHER`, so a free gap between
+one that can be reached has priority. Distances grow by the factor `FARTHER`, so a free gap between
 two of them may be missed.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import FREE, judge_anew
 from geomphys.driven.state import LOCKED, DrivenWorkspace
@@ -31,6 +32,17 @@ def _direction(number: int) -> Vec:
 
 
 @kernel
+def _separation_from_others(scene: Scene, ws: DrivenWorkspace, gap: float) -> float:
+    """The least separation [m], up to the gap, of the tree being solved from others: a translation changes no other."""
+    measure_near_pairs(scene, ws, gap, gap)
+    near, least = ws.near, math.inf
+    for k in range(near.counts.filled):
+        if near.tree_a[k] != near.tree_b[k] and is_unlocked_pair(ws, k):
+            least = min(least, near.separation[k])
+    return least
+
+
+@kernel
 def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
     """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start."""
     work = ws.work
@@ -39,7 +51,7 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.start.angles[q] = work.iterate.angles[q]
     pose_with_pieces(scene, ws, work.start, tree)
-    if measure_near_pairs(scene, ws, gap, gap) < gap:
+    if _separation_from_others(scene, ws, gap) < gap:
         return False
     return not certified or judge_anew(scene, ws, work.start) == FREE
 

@@ -232,6 +232,17 @@ def _in_parts(
 
 
 @noinline
+def _find_free_position(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
+    """Depenetration of the group: to a position that can be reached; past what closes on it if none can."""
+    for certified in (True, False):
+        copy_unlocked(scene, ws, ws.work.before, ws.work.iterate)
+        pose_unlocked(scene, ws, ws.work.iterate)
+        if find_depenetration(scene, ws, gap, certified):
+            return True
+    return False
+
+
+@noinline
 def solve_group(
     scene: Scene,
     state: DrivenState,
@@ -259,10 +270,8 @@ def solve_group(
         iterations += more
         converged = free
         if not free:
-            copy_unlocked(scene, ws, work.before, work.iterate)
-            pose_unlocked(scene, ws, work.iterate)
             fallbacks += 1
-            if find_depenetration(scene, ws, gap, state.progress.start == STARTED_FREE):
+            if _find_free_position(scene, ws, gap):
                 copy_unlocked(scene, ws, work.best, work.iterate)
                 pose_unlocked(scene, ws, work.iterate)
                 for tree in range(len(work.mobility)):
