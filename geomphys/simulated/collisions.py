@@ -5,14 +5,28 @@ from __future__ import annotations
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.scene.arrays import FIXED
 from geomphys.simulated.contact_points import normal_speed
+from geomphys.simulated.contact_solver import HEAP
 from geomphys.simulated.driven_paths import load_paths
 from geomphys.simulated.impulse_accumulation import commit
 from geomphys.simulated.impulses import collide
 from geomphys.simulated.motion import load_velocities, refresh
 from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
-from geomphys.simulated.state import IMPACTING, INACTIVE, Simulation, is_disabled
+from geomphys.simulated.state import IMPACTING, INACTIVE, Contact, Simulation, is_disabled
 
+EARLY = (
+    2e-4  # s: what would touch within this time collides with what touches now, where more than `HEAP` points are near
+)
 MAX_HITS = 3  # collisions of a pair at one moment; beyond, all points that still approach are stopped together
+
+
+@kernel
+def touches(sim: Simulation, r: Contact, v: float) -> bool:
+    """Whether contact `r`, whose normal velocity is `v` [m/s], collides if it approaches: it touches, or does `EARLY` in a heap.
+
+    The bodies of a layer that falls onto another would else collide one after the other, each at a moment of its own.
+    """
+    early = EARLY if sim.counts.contacts > HEAP else 0.0
+    return bool(r.clearance <= sim.frame.touch + early * max(0.0, -v))
 
 
 @kernel
@@ -26,7 +40,7 @@ def join_collision(sim: Simulation, chosen: int) -> None:
         r = sim.contacts[k]
         other = r.b
         same = other == b or (fixed and sim.bodies[other].role == FIXED)
-        on = same and r.a == a and sim.contacts[k].clearance <= sim.frame.touch
+        on = same and r.a == a and touches(sim, r, normal_speed(sim.velocity, r, a, other))
         r.mode = IMPACTING if on else INACTIVE
 
 
@@ -37,10 +51,10 @@ def fastest_approach(sim: Simulation) -> int:
     for k in range(sim.counts.contacts):
         r = sim.contacts[k]
         a, pair = r.a, r.pair
-        if is_disabled(sim, pair) or r.clearance > sim.frame.touch:
+        if is_disabled(sim, pair):
             continue
         v = normal_speed(sim.velocity, r, a, r.b)
-        if v < worst and sim.pairs[pair].hits < MAX_HITS:
+        if v < worst and sim.pairs[pair].hits < MAX_HITS and touches(sim, r, v):
             worst, chosen = v, k
     return chosen
 

@@ -16,15 +16,16 @@ from geomphys.simulated.contact_points import apply_impulses, speed_at
 from geomphys.simulated.impulses import solve_normal, stopping_impulse
 from geomphys.simulated.state import ACTIVE, Contact, Simulation, has_changed
 
-UNFELT = 0.1  # of the requested precision: smaller changes of velocity do not make a contact be visited again
 STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this, or `STILL_PART`
 STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
 HEAP = 24  # contacts: groups with more are solved less precisely
-COARSE = 300.0  # times that precision ends their later sweeps: the next step goes on
+HEAP_SWEEPS = 100  # sweeps at most over one
+COARSE = 1000.0  # times that precision ends their later sweeps: the next step goes on
+HEAP_SLOWEST = 0.5  # so does this part of the slowest motion that is solved
 HEAP_STILL = 1e-6  # m/s does so too: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
-PLAIN = 8  # first sweeps, an even number, without extrapolation
+PLAIN = 4  # first sweeps, an even number, without extrapolation
 
 
 @kernel
@@ -49,6 +50,12 @@ def add_reversal(along: float, r: Contact) -> float:
     along += gradient[0] * change[0] * r.inverse_mass_n
     along += (gradient[1] * change[1] + gradient[2] * change[2]) * r.inverse_mass_most
     return float(along)
+
+
+@kernel
+def speed_change(r: Contact, j: Vec) -> float:
+    """How much a change `j` of the impulses of a contact [N s] changes its velocity [m/s]."""
+    return float(max(abs(j[0]) * r.inverse_mass_n, (abs(j[1]) + abs(j[2])) * r.inverse_mass_most))
 
 
 @kernel
@@ -127,7 +134,7 @@ def update_contact(sim: Simulation, k: int) -> float:
         return 0.0
     r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = after, x + dx, y + dy
     apply_impulses(sim, r, (p, dx, dy))
-    return float(max(abs(p) * r.inverse_mass_n, (abs(dx) + abs(dy)) * r.inverse_mass_most))
+    return speed_change(r, (p, dx, dy))
 
 
 @kernel
@@ -147,16 +154,22 @@ def is_disturbed(sim: Simulation, r: Contact) -> bool:
 
 
 @kernel
-def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: float) -> None:
-    """Extrapolate the contacts `first` to `end` of `order` by `momentum` times their last change, after visit `number`."""
+def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: float, least: float) -> None:
+    """Extrapolate the contacts `first` to `end` of `order` by `momentum` times their last change, after visit `number`.
+
+    Where that changes a velocity by no more than `least` [m/s] nothing is done.
+    """
     for i in range(first, end):
         r = sim.contacts[sim.order[i]]
         j = local_impulse(r)
         to = extrapolated_impulse(r, momentum)
-        if to != j:
+        change = sub(to, j)
+        if speed_change(r, change) > least:
             r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = to
-            apply_impulses(sim, r, sub(to, j))
+            apply_impulses(sim, r, change)
             disturb(sim, r, number)
+        else:
+            set_vec(r.extrapolated, j)
 
 
 @kernel
@@ -189,7 +202,8 @@ def begin_group(sim: Simulation, first: int, end: int) -> float:
 def solve_group(sim: Simulation, first: int, end: int, sweeps: int, precision: float, later: float) -> None:
     """`solve_contacts` for one group: the contacts `first` to `end` of `order`.
 
-    Velocities get the `precision` [m/s], or after the first sweeps that of `later`.
+    Velocities get the `precision` [m/s], or after the first sweeps that of `later`. A contact whose bodies have not been
+    disturbed by more than the latter since it was visited is skipped.
     """
     number, momentum = 0, 1.0
     for sweep in range(sweeps):
@@ -201,7 +215,7 @@ def solve_group(sim: Simulation, first: int, end: int, sweeps: int, precision: f
                 number += 1
                 r.visit = number
                 change = update_contact(sim, k)
-                if change > UNFELT * precision:
+                if change > later:
                     disturb(sim, r, number)
                 most = max(most, change)
         if most <= (precision if sweep < PLAIN else later):
@@ -218,7 +232,7 @@ def solve_group(sim: Simulation, first: int, end: int, sweeps: int, precision: f
             along = add_reversal(along, sim.contacts[sim.order[i]])
         if along > 0.0:
             before = momentum = 1.0
-        extrapolate(sim, first, end, number, (before - 1.0) / momentum)
+        extrapolate(sim, first, end, number, (before - 1.0) / momentum, later)
 
 
 @kernel
@@ -229,7 +243,7 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
     that has none from what its normal impulses are without friction. Groups of bodies that no contact connects are solved
     independently, but for those without a contact whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
     velocity by more than `STILL_PART` of the fastest `speed`, `SLOWEST_PART` of `slowest`, or `STILL`, or after so many
-    `sweeps`. A contact whose bodies have not changed since its last visit is skipped.
+    `sweeps`; one of more than `HEAP` contacts earlier.
     """
     group_contacts(sim)
     for s in range(sim.counts.changed):
@@ -243,7 +257,8 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
         if normals_first:
             solve_normals(sim, first, end)
         precision = max(STILL, STILL_PART * fastest)
-        heap = end - first > HEAP
-        later = COARSE * precision if heap else precision
-        later = max(later, SLOWEST_PART * slowest, HEAP_STILL if heap else 0.0)
-        solve_group(sim, first, end, sweeps, precision, later)
+        if end - first > HEAP:
+            later = max(COARSE * precision, HEAP_SLOWEST * slowest, HEAP_STILL)
+            solve_group(sim, first, end, min(sweeps, HEAP_SWEEPS), precision, later)
+        else:
+            solve_group(sim, first, end, sweeps, precision, max(precision, SLOWEST_PART * slowest))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geomphys.scene.pieces import Box, Sphere
-from geomphys.simulated.collisions import resolve
+from geomphys.simulated.collisions import EARLY, resolve
 from geomphys.simulated.impulse_accumulation import commit
 from tests.simulated.scenes import Player, Thing, floor
 from tests.simulated.stages import Stage
@@ -54,6 +54,25 @@ def test_friction_is_within_the_cone_and_never_reverses_the_sliding(across: floa
     assert stage.motion["velocity"][0] == pytest.approx([across - lost, 0, 0.3], abs=2e-6)
     contact = stage.motion["velocity"][0, 0] - RADIUS * stage.motion["angular_velocity"][0, 1]
     assert contact >= -1e-9
+
+
+@pytest.mark.parametrize(("count", "together"), [(7, True), (2, False)])
+def test_what_is_about_to_touch_collides_at_once_in_a_heap(count: int, together: bool) -> None:
+    """Boxes above a floor, the first of which has arrived; the others would within half of `EARLY`."""
+    speed, size = 1.0, 0.02
+    boxes = [
+        Thing(
+            shape=Box((size, size, size)),
+            at=(0.1 * k, 0, size + GAP + (0.5 * EARLY * speed if k else 0)),
+            v=(0, 0, -speed),
+        )
+        for k in range(count)
+    ]
+    stage = Stage(Player([*boxes, floor()], gap=GAP))
+    done, _ = stage.call(resolve, 0.0, 20)
+    assert done == (count if together else 1)
+    after = np.where(np.arange(count) < done, 0.3 * speed, -speed)
+    assert stage.motion["velocity"][:count, 2] == pytest.approx(after, abs=1e-9)
 
 
 def test_momentum_goes_from_one_to_the_other() -> None:
