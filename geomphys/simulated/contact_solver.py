@@ -20,11 +20,12 @@ STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this,
 STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
-HEAP = 24  # contacts: groups with more are solved less precisely
-HEAP_SWEEPS = 100  # sweeps at most over one
-COARSE = 1000.0  # times that precision ends their later sweeps: the next step goes on
-HEAP_SLOWEST = 0.5  # so does this part of the slowest motion that is solved
-HEAP_STILL = 1e-6  # m/s does so too: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
+STACK = 12  # contacts: groups with more are solved less precisely while they move,
+COARSE = 1000.0  # times less in later sweeps: the next step goes on
+STACK_SWEEPS = 100  # sweeps at most over one
+HEAP = 24  # contacts: groups with more
+HEAP_SLOWEST = 0.5  # end below this part of the slowest motion that is solved
+HEAP_STILL = 1e-6  # m/s, or this: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
 PLAIN = 4  # first sweeps, an even number, without extrapolation
 
 
@@ -243,7 +244,7 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
     that has none from what its normal impulses are without friction. Groups of bodies that no contact connects are solved
     independently, but for those without a contact whose `speed` is above `slowest` [m/s]. A group is done when no sweep changes a
     velocity by more than `STILL_PART` of the fastest `speed`, `SLOWEST_PART` of `slowest`, or `STILL`, or after so many
-    `sweeps`; one of more than `HEAP` contacts earlier.
+    `sweeps`; one of more than `STACK` contacts earlier.
     """
     group_contacts(sim)
     for s in range(sim.counts.changed):
@@ -257,8 +258,9 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
         if normals_first:
             solve_normals(sim, first, end)
         precision = max(STILL, STILL_PART * fastest)
+        later = max(precision, SLOWEST_PART * slowest)
+        if end - first > STACK:
+            later = max(later, COARSE * STILL_PART * fastest)
         if end - first > HEAP:
-            later = max(COARSE * precision, HEAP_SLOWEST * slowest, HEAP_STILL)
-            solve_group(sim, first, end, min(sweeps, HEAP_SWEEPS), precision, later)
-        else:
-            solve_group(sim, first, end, sweeps, precision, max(precision, SLOWEST_PART * slowest))
+            later = max(later, HEAP_SLOWEST * slowest, HEAP_STILL)
+        solve_group(sim, first, end, min(sweeps, STACK_SWEEPS) if end - first > STACK else sweeps, precision, later)
