@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import Axes, pair_separation
+from geomphys.collision.detect import Axes, approximate_separation, pair_separation, separation_bound
 from geomphys.collision.extent import gap_along
 from geomphys.collision.penetration import Scratch
 from geomphys.collision.support import shapes_of
@@ -42,6 +42,8 @@ Floats = NDArray[np.float64]
 PATH_TOLERANCE = 0.08  # how deep two pieces may overlap between two poses: of their mean thickness
 MAX_PATH_TOLERANCE = 1e-3  # m: the same, at most
 MAX_ADVANCEMENTS = 48  # times at most that are tested
+SLIGHT = 0.25  # of that overlap: if no deeper along the last direction, it is tried again before another is sought
+HALVINGS = 5  # later times at most, each half as far, at which a direction that separates two pieces is tried
 
 
 @kernel
@@ -162,32 +164,34 @@ def path_is_free(
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     reference = body_a if angle_a > angle_b else body_b
     curvature = _curvature(scene, before, a, b, motion, swing, angle_a, angle_b)
-    t, moved_by = 0.0, 1.0
+    t, leads_farther = 0.0, True
     for _ in range(MAX_ADVANCEMENTS):
         _pose_between(scene, before, after, a, t, frames)
         _pose_between(scene, before, after, b, t, frames)
         left = motion * (1.0 - t)
-        s, n, _, _ = pair_separation(scene.pieces, frames, a, b, left + deep, axes, scratch)
+        s, n = separation_bound(scene.pieces, frames, a, b, axes)
+        if s < -SLIGHT * deep or not leads_farther:
+            s, n = approximate_separation(scene.pieces, frames, a, b, left + deep, axes, scratch)
+            if s < 0.0:
+                s, n, _, _ = pair_separation(scene.pieces, frames, a, b, left + deep, axes, scratch)
         if s > left:
             return True
         if s < -1.5 * deep:
             return t == 0.0  # a pair that overlaps already cannot be entered
-        moved_by = (max(s, 0.0) + deep) / motion
-        if s > -deep:
-            far = 1.0 - t
-            for _ in range(5):
-                if curvature * far * far / 8.0 <= 0.5 * deep + max(s, 0.0) and far > moved_by:
-                    _pose_between(scene, before, after, a, t + far, frames)
-                    _pose_between(scene, before, after, b, t + far, frames)
-                    if (
-                        gap_along(
-                            shapes_of(scene.pieces, frames), a, b, _attached_direction(before, after, reference, far, n)
-                        )
-                        > -deep
-                    ):
-                        moved_by = far
-                        break
-                far *= 0.5
+        moved_by, leads_farther = (max(s, 0.0) + deep) / motion, False
+        far, most = 1.0 - t, 0.5 * deep + max(s, 0.0)
+        if curvature * far * far > 8.0 * most:
+            far = math.sqrt(8.0 * most / curvature)
+        for _ in range(HALVINGS):
+            if far <= moved_by or s < -deep:
+                break
+            _pose_between(scene, before, after, a, t + far, frames)
+            _pose_between(scene, before, after, b, t + far, frames)
+            ahead = _attached_direction(before, after, reference, far, n)
+            gap = gap_along(shapes_of(scene.pieces, frames), a, b, ahead)
+            if gap > -deep and curvature * far * far / 8.0 <= 0.5 * deep + max(min(s, gap), 0.0):
+                moved_by, leads_farther = far, True
+            far *= 0.5
         t += moved_by
         if t >= 1.0:
             return True
