@@ -168,6 +168,16 @@ def measure_near(
     return s
 
 
+@kernel
+def copy_measured(source: Near, target: Near, k: int) -> float:
+    """Copy what was measured of the pair k, the same one in both tables; returns its separation."""
+    target.separation[k], target.exact[k] = source.separation[k], 1
+    for i in range(3):
+        target.normal[k, i] = source.normal[k, i]
+        target.point_a[k, i], target.point_b[k, i] = source.point_a[k, i], source.point_b[k, i]
+    return float(source.separation[k])
+
+
 @noinline
 def separation_bound(pieces: Pieces, frames: Floats, a: int, b: int, axes: Axes) -> tuple[float, Vec]:
     """A lower bound of the separation of pieces a and b [m], their gap along the cached direction, and that direction.

@@ -117,6 +117,8 @@ def is_unlocked_pair(ws: DrivenWorkspace, k: int) -> bool:
 def clear_spots(ws: DrivenWorkspace) -> None:
     """Clear the cached contact spots."""
     for i in range(len(ws.work.spots)):
+        if ws.work.spots[i].a < 0:  # they are filled from the first on
+            break
         ws.work.spots[i].a = -1
     ws.work.counts.next_spot = 0
 
@@ -232,8 +234,17 @@ def add_pairs(
 
 
 @noinline
-def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Posture, m: int, unknowns: int) -> int:
-    """Rows that keep limbs of compound joints in their reach cones; returns the number of rows."""
+def set_cone_limits(scene: Scene, ws: DrivenWorkspace, recorded: Floats) -> None:
+    """Set how far out of their reach cones limbs of the trees being solved may point: as at recorded angles (Q,)."""
+    for cone in range(len(scene.cones.limb)):
+        tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
+        if ws.work.mobility[tree] == GENERAL_MOTION:
+            ws.work.cone_limit[cone] = cone_limit(scene, cone, recorded)
+
+
+@noinline
+def add_cones(scene: Scene, ws: DrivenWorkspace, iterate: Posture, m: int, unknowns: int) -> int:
+    """Rows that keep limbs of compound joints in their reach cones, see `set_cone_limits`; returns the number of rows."""
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
         if ws.work.mobility[tree] != GENERAL_MOTION or not has_row(ws.problem, m):
@@ -242,7 +253,7 @@ def add_cones(scene: Scene, ws: DrivenWorkspace, recorded: Floats, iterate: Post
         for j in range(unknowns):
             row[j] = 0.0
         g = cone_row(scene, ws.work.unit, cone, iterate.angles, ws.work.column, row)
-        lacks = cone_limit(scene, cone, recorded) + CONE_MARGIN - g
+        lacks = ws.work.cone_limit[cone] + CONE_MARGIN - g
         ws.problem.least.rhs[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
         m += 1
     return m

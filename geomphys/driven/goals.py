@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.driven.constraints import add_cones, bound_unknowns, number_unknowns
+from geomphys.driven.constraints import add_cones, bound_unknowns, number_unknowns, set_cone_limits
 from geomphys.driven.least_distance import SOLVED
 from geomphys.driven.objective import assemble
 from geomphys.driven.postures import Posture, copy_tree
@@ -70,12 +70,13 @@ def _fit(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, roots
     p, q = moved_as_recorded(state, ws, tree, roots)
     set_pose(work.iterate.roots, tree, p, q)
     pose_tree(scene, ws.origins, tree, work.iterate.roots, work.iterate.angles, work.iterate.poses)
+    set_cone_limits(scene, ws, angles)
     last = 0.0
     for _ in range(FIT_ITERATIONS):
         n = number_unknowns(scene, ws)
         assemble(scene, ws, work.iterate, False)
         bound_unknowns(scene, ws, work.iterate, FIT_RADIUS, True)
-        m = add_cones(scene, ws, angles, work.iterate, 0, n)
+        m = add_cones(scene, ws, work.iterate, 0, n)
         if solve_quadratic(ws.problem, n, m)[0] != SOLVED:
             break
         far = step_to_trial(scene, ws)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.detect import approximate_separation, measure_near, pair_separation, separation_bound
+from geomphys.collision.detect import approximate_separation, measure_near, separation_bound
 from geomphys.driven.advancement import is_separated_on_path, path_is_free, path_tolerance
 from geomphys.driven.constraints import (
     CONTACT_DISTANCE,
@@ -26,6 +26,7 @@ from geomphys.driven.constraints import (
     number_unknowns,
     request_pairs_in_contact,
     row_limit,
+    set_cone_limits,
 )
 from geomphys.driven.contacts_kept import add_touches, list_touches, measure_touches, set_touch_goals
 from geomphys.driven.least_distance import SOLVED
@@ -106,12 +107,12 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
     """Whether the paths of all near pairs from the iterate to the trial, `far` [m] at most, are certified.
 
     `mode` is what is certified: as in `search`; `is_known`: `_request_rows` certified the steps of pairs without a row. Returns
-    (whether, least separation at the trial of those that may have met).
+    (whether, least separation at the trial of those that may have met). Those are measured, into `DrivenWorkspace.at_trial`.
     """
-    near, work, least = ws.near, ws.work, math.inf
+    near, at_trial, work, least = ws.near, ws.at_trial, ws.work, math.inf
     is_known = is_known and mode != STRAIGHT
     for k in range(near.counts.filled):
-        s = near.separation[k]
+        s, at_trial.exact[k] = near.separation[k], 0
         if s > 2.0 * far or (is_known and ws.row_state[k] == NO_ROW) or not is_unlocked_pair(ws, k):
             continue
         a, b = near.a[k], near.b[k]
@@ -122,13 +123,11 @@ def _step_is_safe(scene: Scene, ws: DrivenWorkspace, mode: int, far: float, is_k
         if gap_at_trial >= 0.0 and mode != STRAIGHT:
             least = min(least, gap_at_trial)
             continue
-        trial_separation, n = approximate_separation(
-            scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
+        at_trial.a[k], at_trial.b[k] = a, b
+        trial_separation = measure_near(
+            scene.pieces, ws.piece_frames.frames, k, motion, at_trial, ws.detection.axes, ws.detection.scratch
         )
-        if trial_separation < 0.0:
-            trial_separation, n, _, _ = pair_separation(
-                scene.pieces, ws.piece_frames.frames, a, b, motion, ws.detection.axes, ws.detection.scratch
-            )
+        n = vec_at(at_trial.normal, k)
         least = min(least, trial_separation)
         if mode == ANY_PATH:
             if trial_separation < -1e-3 and trial_separation < s - 1e-3:
@@ -215,7 +214,6 @@ def _request_rows(scene: Scene, ws: DrivenWorkspace, gap: float, limit: float) -
 def _solve_linear(
     scene: Scene,
     ws: DrivenWorkspace,
-    recorded: Floats,
     gap: float,
     trust_radius: float,
     limit: float,
@@ -235,7 +233,7 @@ def _solve_linear(
         bound_unknowns(scene, ws, work.iterate, trust_radius, attempt == 0)
         request_pairs_in_contact(ws)
         m = add_pairs(scene, ws, work.iterate, gap, 0, n, attempt == 1)
-        m = add_cones(scene, ws, recorded, work.iterate, m, n)
+        m = add_cones(scene, ws, work.iterate, m, n)
         status, m, active_count = solve_quadratic(ws.problem, n, m)
         for _ in range(ROUNDS):
             if status != SOLVED:
@@ -299,6 +297,7 @@ def search(
     only_translations, iteration, idle, listed, listed_touches = only_translations_allowed(ws), 0, 0, 0.0, 0.0
     last_far, moved, stretched, jointed = 0.0, 0.0, False, some_joints(scene, ws)
     clear_spots(ws)
+    set_cone_limits(scene, ws, recorded)
     copy_targets(scene, ws, work.target, work.cached_target)
     copy_frames(scene, ws, False)
     for i in range(len(ws.problem.last_step)):
@@ -321,7 +320,7 @@ def search(
             measure_touches(scene, ws, ATTRACTION_DISTANCE)
             if iteration == 0:
                 set_touch_goals(scene, ws)
-        linear = _solve_linear(scene, ws, recorded, gap, trust_radius, limit, attracted, relaxed or rate_limited)
+        linear = _solve_linear(scene, ws, gap, trust_radius, limit, attracted, relaxed or rate_limited)
         cost = linear.cost
         idle = idle + 1 if least >= 0.0 and cost > RELATIVE_GAIN * best else 0
         if least >= 0.0 and (cost < best or rate_limited):

@@ -231,6 +231,7 @@ class SearchWorkspace(NamedTuple):
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
     touch_pairs: Ints  # (n,) near pairs of tips with what they touch
+    cone_limit: Floats  # (C,) rad: the least angle of a limb in its reach cone
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
@@ -247,6 +248,7 @@ class DrivenWorkspace(NamedTuple):
     links: Links
     piece_frames: PieceFrames
     near: Near
+    at_trial: Near  # those of the near pairs that were measured at the trial: its rows are those of `near`
     listed: Near  # pairs with the trees being solved at their goals: see `reachability`
     row_state: Ints  # (n,) of the near pairs: NO_ROW, REQUESTED or HAS_ROW
     work: SearchWorkspace
@@ -336,6 +338,7 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
         touch_pairs=np.zeros(pairs, np.int64),
+        cone_limit=np.zeros(len(scene.cones.limb)),
         closing=np.zeros(trees),
         grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),
@@ -364,11 +367,14 @@ def make_driven_workspace(
             if scene.trees.role[t] == DRIVEN
         )
     )
+    at_trial = make_near(len(near.a))
+    at_trial.exact[:] = 0
     return DrivenWorkspace(
         origins=joint_origins(scene),
         links=links,
         piece_frames=piece_frames,
         near=near,
+        at_trial=at_trial,
         listed=make_near(len(near.a)),
         row_state=np.zeros(len(near.a), np.int64),
         work=make_search_workspace(scene, poses, links, len(near.a), iterations),

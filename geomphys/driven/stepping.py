@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from geomphys.collision.detect import (
     NOWHERE,
     Records,
+    copy_measured,
     find_near,
     measure_near,
     separation_bound,
@@ -196,9 +197,9 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
     """Update the near pairs after the step that `measure_motion` was called for; returns the least separation.
 
     A separation, and the gap along a direction, shrinks by no more than the motion of the two pieces. Only pairs that may be
-    nearer than `enough` [m] are measured, within `limit` [m].
+    nearer than `enough` [m] are measured, within `limit` [m], unless the certification of the step has done so.
     """
-    near, least = ws.near, math.inf
+    near, at_trial, least = ws.near, ws.at_trial, math.inf
     for k in range(near.counts.filled):
         if not is_unlocked_pair(ws, k):
             continue
@@ -210,7 +211,9 @@ def update_separations(scene: Scene, ws: DrivenWorkspace, limit: float, enough: 
             for i in range(3):
                 near.normal[k, i] = n[i]
         near.separation[k] = s
-        if s < enough:
+        if s < enough and at_trial.exact[k] == 1:
+            s = copy_measured(at_trial, near, k)
+        elif s < enough:
             s = measure_near(
                 scene.pieces, ws.piece_frames.frames, k, limit, near, ws.detection.axes, ws.detection.scratch
             )

@@ -58,8 +58,7 @@ def test_cones_without_a_row_are_counted(tmp_path: Path, first: int, lost: int) 
     ws.work.mobility[0] = GENERAL_MOTION
     packed = pack(ws)
     unknowns = number_unknowns(pack(scene), packed)
-    angles = np.zeros(len(scene.dofs.lower))
-    assert add_cones(pack(scene), packed, angles, packed.work.iterate, first, unknowns) == 1
+    assert add_cones(pack(scene), packed, packed.work.iterate, first, unknowns) == 1
     assert ws.problem.counts["lost"] == lost
 
 
