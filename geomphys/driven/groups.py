@@ -61,14 +61,20 @@ def combine(a: Outcome, b: Outcome) -> Outcome:
 
 
 @noinline
-def set_final_posture(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
-    """Set the final posture of a driven tree; other trees are then kept clear of it."""
+def keep_posed(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
+    """Set the final posture of a driven tree at which its pieces and their boxes are; other trees are then kept clear of it."""
     work = ws.work
     for target in (state.last, work.before, work.iterate, work.trial, work.start, work.best):
         copy_tree(scene, source, tree, target)
-    pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
     copy_tree_frames(scene, tree, ws.piece_frames.frames, ws.piece_frames.before)
+
+
+@noinline
+def set_final_posture(scene: Scene, state: DrivenState, ws: DrivenWorkspace, tree: int, source: Posture) -> None:
+    """Set the final posture of a driven tree, and pose its pieces."""
+    pose_pieces_of_tree(scene, tree, source.poses, ws.piece_frames.frames)
     update_boxes(scene, ws.piece_frames.frames, ws.detection.boxes, tree)
+    keep_posed(scene, state, ws, tree, source)
 
 
 @kernel

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from geomphys.collision.detect import (
     NOWHERE,
+    Near,
     Records,
     append_bound,
     approximate_separation,
@@ -128,13 +129,23 @@ def clear_pairs(ws: DrivenWorkspace) -> None:
         ws.work.covered[tree] = -1.0
 
 
+@kernel
+def _row_of(listed: Near, a: int, b: int) -> int:
+    """The row of the pair of pieces a and b; the first without one."""
+    for k in range(listed.counts.filled):
+        if listed.a[k] == a and listed.b[k] == b:
+            return k
+    return 0
+
+
 @noinline
 def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
     """List the pairs that may touch on the path of the trees being solved to a posture near the goal; poses them at the goal.
 
     None is measured: a lower bound of the separation suffices, also where they overlap.
     """
-    p, work = ws.piece_frames, ws.work
+    p, work, listed = ws.piece_frames, ws.work, ws.listed
+    a, b = listed.a[work.counts.witness], listed.b[work.counts.witness]
     for tree in range(len(work.mobility)):
         work.covered[tree] = 0.0
         set_motion_bound(p.motion_bounds, tree, -math.inf if work.ignored[tree] == 1 else 0.0)
@@ -149,9 +160,10 @@ def list_pairs(scene: Scene, ws: DrivenWorkspace) -> None:
             clear_travel(scene, tree, work.from_goal)
         elif work.ignored[tree] == 0 and scene.trees.moving[tree] == 1:
             p.motion_bounds[tree].world = work.covered[tree] = _farthest(scene, work.travel, tree)
-    ws.listed.counts.lost, work.counts.witness = 0, 0
-    find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, ws.listed, ws.detection)
-    if ws.listed.counts.lost > 0:  # the table was full: pairs are searched each time
+    listed.counts.lost = 0
+    find_near(scene, p.frames, p.motion_bounds, 0.0, -math.inf, listed, ws.detection)
+    work.counts.witness = _row_of(listed, a, b)  # mostly the last posture is not free by the same pair again
+    if listed.counts.lost > 0:  # the table was full: pairs are searched each time
         for tree in range(len(work.mobility)):
             work.covered[tree] = -1.0
 

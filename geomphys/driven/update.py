@@ -24,6 +24,7 @@ from geomphys.driven.groups import (
     MAX_ITERATIONS,
     Outcome,
     combine,
+    keep_posed,
     pose_surroundings,
     set_final_posture,
     solve_first,
@@ -108,7 +109,7 @@ def _go_where_free(scene: Scene, state: DrivenState, ws: DrivenWorkspace) -> boo
         if scene.trees.role[tree] != DRIVEN:
             continue
         if work.blocked[tree] == 0:
-            set_final_posture(scene, state, ws, tree, work.goal)
+            keep_posed(scene, state, ws, tree, work.goal)  # `measure_swept_pairs` has posed it there
         else:
             for target in (work.iterate, work.trial, work.start, work.best):
                 copy_tree(scene, work.before, tree, target)

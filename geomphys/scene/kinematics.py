@@ -14,6 +14,8 @@ from geomphys.scene.arrays import JOINT_FIXED, JOINT_PRISMATIC, Scene
 
 Floats = NDArray[np.float64]
 
+NO_ROTATION = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
 
 def joint_origins(scene: Scene) -> Floats:
     """parent_from_joint of every body as pose rows (B, 7), from the frame rows of the scene."""
@@ -163,5 +165,6 @@ def pose_pieces_of_tree(scene: Scene, tree: int, poses: Floats, frames: Floats) 
             continue
         r = rot_from_quat(orientation_of(poses, body))
         for i in range(first, last):
-            t = rotate(r, frame_position(local, i))
-            set_frame(frames, i, rot_mul(r, frame_rotation(local, i)), add(position_of(poses, body), t))
+            t, inside = rotate(r, frame_position(local, i)), frame_rotation(local, i)
+            rotation = r if inside == NO_ROTATION else rot_mul(r, inside)
+            set_frame(frames, i, rotation, add(position_of(poses, body), t))
