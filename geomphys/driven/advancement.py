@@ -83,10 +83,17 @@ def centre_motion(scene: Scene, before: Floats, after: Floats, piece: int) -> Ve
 @kernel
 def pair_motion(scene: Scene, before: Floats, after: Floats, a: int, b: int) -> tuple[float, float]:
     """Bound on the relative motion of two pieces [m], and its part by rotation."""
-    pieces = scene.pieces
+    angle_a = rotation_between(before, after, scene.pieces.body[a])
+    return _motion_of_pair(scene, before, after, a, b, angle_a, rotation_between(before, after, scene.pieces.body[b]))
+
+
+@kernel
+def _motion_of_pair(
+    scene: Scene, before: Floats, after: Floats, a: int, b: int, angle_a: float, angle_b: float
+) -> tuple[float, float]:
+    """`pair_motion` of pieces whose bodies rotate by these angles [rad]."""
     path = norm(sub(centre_motion(scene, before, after, a), centre_motion(scene, before, after, b)))
-    swing = rotation_between(before, after, pieces.body[a]) * pieces.reach[a]
-    swing += rotation_between(before, after, pieces.body[b]) * pieces.reach[b]
+    swing = angle_a * scene.pieces.reach[a] + angle_b * scene.pieces.reach[b]
     return path + swing, swing
 
 
@@ -137,7 +144,7 @@ def is_separated_on_path(
     angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     deep, bulge = path_tolerance(scene, a, b), 0.0
     if (angle_a + angle_b) * motion > deep:
-        most, swing = pair_motion(scene, before, after, a, b)
+        most, swing = _motion_of_pair(scene, before, after, a, b, angle_a, angle_b)
         bulge = _curvature(scene, before, a, b, most, swing, angle_a, angle_b) / 8.0
         if bulge > 0.5 * deep + max(gap, 0.0):
             return False
@@ -156,12 +163,12 @@ def path_is_free(
 
     `frames` (P, 12) is scratch; rows `a` and `b` are written. Whether they overlap at either end is not checked.
     """
-    motion, swing = pair_motion(scene, before, after, a, b)
+    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
+    angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
+    motion, swing = _motion_of_pair(scene, before, after, a, b, angle_a, angle_b)
     if motion == 0.0:
         return True
     deep = path_tolerance(scene, a, b)
-    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
-    angle_a, angle_b = rotation_between(before, after, body_a), rotation_between(before, after, body_b)
     reference = body_a if angle_a > angle_b else body_b
     curvature = _curvature(scene, before, a, b, motion, swing, angle_a, angle_b)
     t, leads_farther = 0.0, True

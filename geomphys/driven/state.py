@@ -61,6 +61,7 @@ TRAVEL = np.dtype(
     [
         ("translation", np.float64, 3),  # m, displacement of the centre
         ("rotation", np.float64),  # m, bound of the motion of any point by rotation
+        ("angle", np.float64),  # rad, of its rotation
     ]
 )
 """Motion of a piece between two postures."""

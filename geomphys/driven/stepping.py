@@ -171,7 +171,7 @@ def measure_travel(scene: Scene, before: Floats, after: Floats, tree: int, trave
             centre = vec_at(scene.pieces.body_centre, i)
             translation = add(path, rotate(rotation_change, centre)) if rotation > 0.0 else path
             set_vec(travel[i].translation, translation)
-            travel[i].rotation = rotation * scene.pieces.reach[i]
+            travel[i].rotation, travel[i].angle = rotation * scene.pieces.reach[i], rotation
             far = max(far, norm(translation) + travel[i].rotation)
     return far
 
@@ -182,7 +182,7 @@ def clear_travel(scene: Scene, tree: int, travel: Records) -> None:
     first = scene.bodies.piece_start[scene.trees.body_start[tree]]
     for i in range(first, scene.bodies.piece_start[scene.trees.body_start[tree + 1]]):
         set_vec(travel[i].translation, (0.0, 0.0, 0.0))
-        travel[i].rotation = 0.0
+        travel[i].rotation = travel[i].angle = 0.0
 
 
 @kernel
@@ -325,11 +325,8 @@ def gap_along_normal(scene: Scene, ws: DrivenWorkspace, k: int, motion: float) -
     Above minus `path_tolerance`, that direction separates the pair on the whole path; -inf where
     rotation is too large to tell, or none is known.
     """
-    a, b, work = ws.near.a[k], ws.near.b[k], ws.work
-    body_a, body_b = scene.pieces.body[a], scene.pieces.body[b]
-    rotation = rotation_between(work.iterate.poses, work.trial.poses, body_a) + rotation_between(
-        work.iterate.poses, work.trial.poses, body_b
-    )
+    a, b = ws.near.a[k], ws.near.b[k]
+    rotation = ws.work.motion[a].angle + ws.work.motion[b].angle
     if rotation * motion > path_tolerance(scene, a, b):
         return -math.inf
     if vec_at(ws.near.normal, k) == NOWHERE and not _find_direction(scene, ws, k):

@@ -110,9 +110,6 @@ def find_contacts(
     driven ones.
     """
     piece_frames, near = data.workspace.piece_frames, data.workspace.near
-    for tree in range(len(scene.trees.role)):
-        if scene.trees.role[tree] == DRIVEN:
-            update_boxes(scene, piece_frames.frames, data.detection.boxes, tree)
     margin = CONTACT_GAPS * gap
     find_near(scene, piece_frames.frames, data.still, margin, math.inf, near, data.detection)
     of_driven = write_contacts(

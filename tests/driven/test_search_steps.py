@@ -16,6 +16,7 @@ from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
 from geomphys.driven.stepping import (
     gap_along_normal,
     is_within,
+    measure_motion,
     measure_near_pairs,
     measure_travel,
     pair_travel,
@@ -61,6 +62,23 @@ def test_separations_after_a_step_are_never_more_than_they_are(table: Table, dow
         assert least == pytest.approx(0.01 - down, abs=1e-12)
 
 
+@pytest.mark.parametrize("certified", [False, True])
+def test_what_the_certification_of_a_step_has_measured_is_not_measured_again(table: Table, certified: bool) -> None:
+    """The first ball, 1 cm above the floor, moves down by 9 mm; the certification says something else."""
+    scene, ws, data = table
+    one_free(data)
+    measure_near_pairs(scene, ws, 0.5, math.inf)
+    near, at_trial, work = data.workspace.near, data.workspace.at_trial, data.workspace.work
+    work.motion[:] = 0
+    work.motion[0]["translation"] = (0.0, 0.0, -0.009)
+    data.workspace.piece_frames.frames[0, 11] -= 0.009
+    at_trial.exact[0], at_trial.separation[0], at_trial.normal[0] = int(certified), 0.0015, (0.0, 0.6, 0.8)
+    least = update_separations(scene, ws, 0.05, 3e-3)
+    assert near.exact[0] == 1
+    assert least == near.separation[0] == pytest.approx(0.0015 if certified else 0.001, abs=1e-12)
+    assert near.normal[0].tolist() == ([0.0, 0.6, 0.8] if certified else [0.0, 0.0, 1.0])
+
+
 @pytest.mark.parametrize(("angle", "motion", "sure"), [(0.0, 0.5, True), (0.1, 1e-3, True), (0.1, 0.05, False)])
 def test_a_direction_says_nothing_of_a_path_with_much_rotation(
     table: Table, angle: float, motion: float, sure: bool
@@ -71,6 +89,7 @@ def test_a_direction_says_nothing_of_a_path_with_much_rotation(
     work = data.workspace.work
     work.iterate.poses[:] = work.trial.poses[:] = data.recorded
     work.trial.poses[0, 3:] = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
+    measure_motion(scene, ws, ws.work.iterate, ws.work.trial)
     gap = gap_along_normal(scene, ws, 0, motion)
     assert gap == pytest.approx(0.01, abs=1e-12) if sure else gap == -math.inf
 

@@ -106,6 +106,7 @@ def store_offsets(
     for tree in range(len(scene.trees.role)):
         if scene.trees.role[tree] == DRIVEN:
             store_tree_offsets(scene, state, w, tree, roots, angles)
+            update_boxes(scene, w.frames, w.detection.boxes, tree)
             if not overlaps_others(w, tree):
                 copy_tree(scene, w.iterate, tree, w.free)
                 w.has_free[tree] = 1
