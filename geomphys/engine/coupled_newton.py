@@ -94,26 +94,37 @@ def begin_matrix(c: Coupled) -> None:
         k = c.blocks[i].row
         for m in range(3):
             for n in range(3):
-                c.matrix[k + m, k + n] = c.blocks[i].inertia[3 * m + n]
+                c.matrix[k + n, k + m] = c.blocks[i].inertia[3 * m + n]
+
+
+@kernel
+def add_sticking(c: Coupled, r: Constraint, n: float, t: float) -> None:
+    """`add_to_matrix` where friction is within its bound: B is diagonal, `n` along the normal and `t` across."""
+    for k in range(r.first_term, r.end_term):
+        j, row = vec_of(c.terms[k].jacobian), c.terms[k].row
+        response = (n * j[0], t * j[1], t * j[2])
+        c.matrix[row, row] += dot(j, response)
+        for m in range(r.first_term, k):
+            entry, other = dot(vec_of(c.terms[m].jacobian), response), c.terms[m].row
+            c.matrix[row, other] += entry
+            c.matrix[other, row] += entry
 
 
 @kernel
 def add_to_matrix(c: Coupled, r: Constraint, s: float) -> None:
     """Add Jᵀ B J of a pressed constraint, with B the derivative of minus its impulses by its velocity."""
     n, t = s * r.mass_n, s * r.mass_t
-    n_t, n_b, tt, tb, bb = 0.0, 0.0, t, 0.0, t
-    if r.sliding == 1:  # along its direction friction is μ p; across it, it turns with the direction
-        x, y = r.direction[0], r.direction[1]
-        t *= r.part
-        n_t, n_b, tt, tb, bb = n * r.friction * x, n * r.friction * y, t * y * y, -t * x * y, t * x * x
+    if r.sliding == 0:
+        add_sticking(c, r, n, t)
+        return
+    x, y = r.direction[0], r.direction[1]  # along it friction is μ p; across it, it turns with the direction
+    t *= r.part
+    n_t, n_b, tt, tb, bb = n * r.friction * x, n * r.friction * y, t * y * y, -t * x * y, t * x * x
     for k in range(r.first_term, r.end_term):
-        j = vec_of(c.terms[k].jacobian)
+        j, column = vec_of(c.terms[k].jacobian), c.matrix[c.terms[k].row]
         response = (n * j[0], n_t * j[0] + tt * j[1] + tb * j[2], n_b * j[0] + tb * j[1] + bb * j[2])
-        set_vec(c.terms[k].response, response)
-    for k in range(r.first_term, r.end_term):
-        j, row = vec_of(c.terms[k].jacobian), c.terms[k].row
         for m in range(r.first_term, r.end_term):
-            c.matrix[row, c.terms[m].row] += dot(j, vec_of(c.terms[m].response))
+            column[c.terms[m].row] += dot(vec_of(c.terms[m].jacobian), response)
 
 
 @noinline
@@ -123,17 +134,17 @@ def factorize_matrix(c: Coupled) -> bool:
     for k in range(rows):
         if not abs(a[k, k]) > 0.0:
             return False
-        inverse, right = 1.0 / a[k, k], rows - k - 1
-        pivot_row = c.pivot_row[:right]
-        for j in range(right):
-            pivot_row[j] = a[k, k + 1 + j]
-        for i in range(k + 1, rows):
-            if a[i, k] != 0.0:
-                factor = inverse * a[i, k]
-                a[i, k] = factor
-                row = a[i, k + 1 : rows]  # indexed from 0, LLVM makes vectors of it
-                for j in range(right):
-                    row[j] -= factor * pivot_row[j]
+        inverse, below = 1.0 / a[k, k], rows - k - 1
+        column, factors = a[k, k + 1 : rows], c.factors[:below]  # indexed from 0, LLVM makes vectors of them
+        for i in range(below):
+            column[i] *= inverse
+            factors[i] = column[i]
+        for j in range(k + 1, rows):
+            pivot = a[j, k]
+            if pivot != 0.0:
+                other = a[j, k + 1 : rows]
+                for i in range(below):
+                    other[i] -= pivot * factors[i]
     return True
 
 
@@ -144,14 +155,14 @@ def substitute(c: Coupled) -> None:
     for i in range(rows):
         x[i] = -c.rows[i].residual
     for k in range(rows):
-        y = x[k]
-        for i in range(k + 1, rows):
-            x[i] -= a[i, k] * y
+        y, below, column = x[k], x[k + 1 : rows], a[k, k + 1 : rows]
+        for i in range(rows - k - 1):
+            below[i] -= column[i] * y
     for k in range(rows - 1, -1, -1):
         x[k] /= a[k, k]
-        y = x[k]
+        y, above, column = x[k], x[:k], a[k, :k]
         for i in range(k):
-            x[i] -= y * a[i, k]
+            above[i] -= y * column[i]
 
 
 @kernel

@@ -29,7 +29,7 @@ MAX_INEQUALITIES = 1 << 11
 MAX_ROWS = 128  # velocities that contacts change: a group with more is solved by sweeps
 MAX_CONSTRAINTS = 512
 MAX_TERMS = 1 << 13
-PADDING = 8  # columns of the matrix beyond its rows: those then do not share few sets of the processor's cache
+PADDING = 8  # unused end of each column of the matrix: columns then do not share few sets of the processor's cache
 
 UNKNOWN = np.dtype(
     [
@@ -113,7 +113,6 @@ TERM = np.dtype(
     [
         ("row", INDEX),
         ("jacobian", FLOAT, 3),  # relative velocity along normal, tangent and binormal by the velocity of the row
-        ("response", FLOAT, 3),  # minus what that changes the impulses by
     ]
 )
 """An entry of the Jacobian of the constraints."""
@@ -167,9 +166,9 @@ class Coupled(NamedTuple):
     blocks: Records  # BLOCK
     terms: Records  # TERM
     constraints: Records  # CONSTRAINT
-    matrix: Floats  # (R, R + PADDING) of a Newton step
+    matrix: Floats  # (R, R + PADDING) of a Newton step: each row is a column of it
     step: Floats  # (R,) its right side, then its solution
-    pivot_row: Floats  # (R,) workspace of its elimination
+    factors: Floats  # (R,) workspace of its elimination
     body_rows: Ints  # (B,) first row of each body; -1: none
     begin: Posture  # the recording at the start of the substep
     now: Posture  # driven trees, corrected

@@ -1,7 +1,7 @@
 """The coupled solve as compact tables: the velocities that contacts change, their masses, and the Jacobian of the contacts.
 
-Rows of joints come first, then those of roots, then of bodies: the fingers of a hand are coupled by these alone, so that
-elimination in this order fills in little.
+Rows of joints come first, each before those between it and the root, then those of roots, then of bodies: what hangs on
+different joints is coupled by what follows alone, so that elimination in this order fills in little.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from geomphys.simulated.contact_solver import local_impulse
 from geomphys.simulated.state import ACTIVE, Contact, Simulation, is_simulated
 
 NEARLY = 0.02  # m/s: contacts that are this far from being pressed are included
+REQUESTED = -2  # row of an unknown that is to have one
 TERMS_OF_BODIES = 12  # most entries of the Jacobian of a contact that are of bodies
 
 
@@ -29,12 +30,20 @@ def clear_rows(sim: Simulation, c: Coupled) -> None:
 
 
 @kernel
-def add_rows_of_unknowns(c: Coupled, first: int, end: int, joints: bool) -> None:
-    """Give the unknowns of the effects `first` to `end` that are `joints`, or roots, a row each."""
+def request_rows(c: Coupled, first: int, end: int) -> None:
+    """Request a row for each unknown of the effects `first` to `end`."""
     for e in range(first, end):
-        k = c.effects[e].unknown
-        x = c.unknowns[k]
-        if x.row < 0 and x.inverse_mass > 0.0 and (k >= 3 * len(c.trees)) == joints and c.solve.rows < len(c.rows):
+        x = c.unknowns[c.effects[e].unknown]
+        if x.inverse_mass > 0.0:
+            x.row = REQUESTED
+
+
+@kernel
+def add_rows_of_unknowns(c: Coupled) -> None:
+    """Give the unknowns for which they are requested their rows, from the tips of the trees to their roots."""
+    for i in range(len(c.unknowns)):
+        x = c.unknowns[len(c.unknowns) - 1 - i]
+        if x.row == REQUESTED and c.solve.rows < len(c.rows):
             x.row = c.solve.rows
             c.rows[x.row].change = c.rows[x.row].accepted = 0.0
             c.rows[x.row].mass = 1.0 / x.inverse_mass
@@ -72,13 +81,13 @@ def add_rows_of_body(sim: Simulation, c: Coupled, body: int) -> None:
 def add_rows(sim: Simulation, c: Coupled) -> bool:
     """Give everything that the included contacts and inequalities may change its rows; whether some are left."""
     clear_rows(sim, c)
-    for roots in range(2):
-        for k in range(sim.counts.contacts):
-            if sim.contacts[k].included == 1:
-                add_rows_of_unknowns(c, sim.contacts[k].first_effect, sim.contacts[k].end_effect, roots == 0)
-        for k in range(c.solve.inequalities):
-            if c.inequalities[k].included == 1:
-                add_rows_of_unknowns(c, c.inequalities[k].first_effect, c.inequalities[k].end_effect, roots == 0)
+    for k in range(sim.counts.contacts):
+        if sim.contacts[k].included == 1:
+            request_rows(c, sim.contacts[k].first_effect, sim.contacts[k].end_effect)
+    for k in range(c.solve.inequalities):
+        if c.inequalities[k].included == 1:
+            request_rows(c, c.inequalities[k].first_effect, c.inequalities[k].end_effect)
+    add_rows_of_unknowns(c)
     for k in range(sim.counts.contacts):
         if sim.contacts[k].included == 1:
             add_rows_of_body(sim, c, sim.contacts[k].a)
