@@ -28,6 +28,7 @@ from geomphys.numerics.vec3 import (
     dot,
     quat_conjugate,
     quat_from_rotation_vector,
+    quat_half,
     quat_mul,
     quat_rotate,
     rotate,
@@ -220,7 +221,7 @@ def half_rotation(scene: Scene, data: ReplayData, body: int, t: float, h: float)
         before, after = orientation_at(sim.motion[body], t), orientation_at(sim.motion[body], t + h)
     else:
         return (0.0, 0.0, 0.0, 1.0)
-    return quat_from_rotation_vector(scale(rotation_vector(quat_mul(after, quat_conjugate(before))), 0.5))
+    return quat_half(quat_mul(after, quat_conjugate(before)))
 
 
 @noinline

@@ -63,7 +63,8 @@ from geomphys.simulated.update import STEP, STEP_TOLERANCE
 Floats = NDArray[np.float64]
 
 LIGHT = 50.0  # times an object's mass: where the implicit mass of what presses on it is more, steps are half as long
-MARGIN = 4e-3  # m: nearer contacts are solved
+MARGIN = 4e-3  # m: nearer contacts of simulated bodies are solved
+DRIVEN_MARGIN = 2e-3  # m: the same of driven links with each other and with fixed bodies
 MARGIN_STEPS = 1.5  # so are those nearer than this times the motion in a step
 ROTATION = 0.1  # rad: no body rotates farther in a step, unless that would be shorter than `FEWEST`
 FEWEST = 1.0 / 16.0  # of `STEP`: the shortest step
@@ -76,29 +77,41 @@ IMPEDANCE_SCALE_GAIN = 0.2  # fraction by which the impedance of a joint follows
 TOUCHED = 3.0  # gaps: a nearer pair counts as having been in contact
 
 
+@kernel
+def hold_tree(scene: Scene, data: ReplayData, tree: int, t: float) -> None:
+    """Let the links of a driven tree stand where they are at time `t` of the substep, for the simulated loop."""
+    c = data.coupled
+    for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
+        k = data.simulated.motion[body]
+        k.base_time = t
+        set_vec(k.position, position_of(c.now.poses, body))
+        set_quat(k.orientation, orientation_of(c.now.poses, body))
+        set_vec(k.velocity, (0.0, 0.0, 0.0))
+        set_vec(k.acceleration, (0.0, 0.0, 0.0))
+        set_vec(k.rotation_rate, (0.0, 0.0, 0.0))
+        set_vec(k.half_angular_acceleration, (0.0, 0.0, 0.0))
+
+
 @noinline
-def pose_driven_trees(
-    scene: Scene, data: ReplayData, roots: Floats, angles: Floats, t: float, h: float, dt: float
-) -> None:
-    """Poses of driven trees at time `t` of the substep, and at `t + h` with the offsets at `t`; their motions there."""
+def begin_poses(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, t: float, h: float, dt: float) -> None:
+    """Poses of driven trees at time `t` of the substep, and at `t + h` with the offsets at `t`."""
+    for tree in range(len(scene.trees.role)):
+        if solves(scene, data.coupled, tree):
+            pose_driven(scene, data, tree, roots, angles, t / dt, data.coupled.now)
+            pose_driven(scene, data, tree, roots, angles, min(1.0, (t + h) / dt), data.coupled.after)
+            hold_tree(scene, data, tree, t)
+
+
+@noinline
+def end_poses(scene: Scene, data: ReplayData, roots: Floats, angles: Floats, dt: float) -> None:
+    """Poses of driven trees at the end of a substep of `dt` seconds: those after its last step, rotations of roots by (6)."""
     c = data.coupled
     for tree in range(len(scene.trees.role)):
-        if not solves(scene, c, tree):
-            continue
-        pose_driven(scene, data, tree, roots, angles, t / dt, c.now)
-        if h > 0.0:
-            pose_driven(scene, data, tree, roots, angles, min(1.0, (t + h) / dt), c.after)
-        else:
-            copy_tree(scene, c.now, tree, c.after)
-        for body in range(scene.trees.body_start[tree], scene.trees.body_start[tree + 1]):
-            k = data.simulated.motion[body]
-            k.base_time = t
-            set_vec(k.position, position_of(c.now.poses, body))
-            set_quat(k.orientation, orientation_of(c.now.poses, body))
-            set_vec(k.velocity, (0.0, 0.0, 0.0))
-            set_vec(k.acceleration, (0.0, 0.0, 0.0))
-            set_vec(k.rotation_rate, (0.0, 0.0, 0.0))
-            set_vec(k.half_angular_acceleration, (0.0, 0.0, 0.0))
+        if solves(scene, c, tree):
+            if relax_rotation(scene, c, tree, dt):
+                pose_driven(scene, data, tree, roots, angles, 1.0, c.after)
+            copy_tree(scene, c.after, tree, c.now)
+            hold_tree(scene, data, tree, dt)
 
 
 @kernel
@@ -333,10 +346,10 @@ def advance_together(scene: Scene, data: ReplayData, roots: Floats, angles: Floa
         splits = 0
         while t < end:
             h = end - t
-            pose_driven_trees(scene, data, roots, angles, t, h, dt)
-            margin = max(MARGIN, MARGIN_STEPS * fastest_motion(scene, data, h), largest_squeeze(scene, data.coupled))
-            find_coupled_contacts(scene, data, t, h, margin)
-            find_inequalities(scene, data, t, h, margin)
+            begin_poses(scene, data, roots, angles, t, h, dt)
+            motion = MARGIN_STEPS * fastest_motion(scene, data, h)
+            find_coupled_contacts(scene, data, t, h, max(MARGIN, motion, largest_squeeze(scene, data.coupled)))
+            find_inequalities(scene, data, t, h, max(DRIVEN_MARGIN, motion))
             impacts += resolve_impacts(scene, data)
             first = next_impact(data.simulated, data.coupled, h) if splits < SPLITS else h
             splits += 1 if first < h else 0
@@ -347,8 +360,5 @@ def advance_together(scene: Scene, data: ReplayData, roots: Floats, angles: Floa
                     pose_driven(scene, data, tree, roots, angles, min(1.0, (t + first) / dt), data.coupled.after)
             store_slip(data, t, first)
             t = end if first == h else t + first
-    for tree in range(len(scene.trees.role)):
-        if solves(scene, data.coupled, tree):
-            relax_rotation(scene, data.coupled, tree, dt)
-    pose_driven_trees(scene, data, roots, angles, dt, 0.0, dt)
+    end_poses(scene, data, roots, angles, dt)
     return impacts

@@ -1,6 +1,6 @@
 """The coupled solve as compact tables: the velocities that contacts change, their masses, and the Jacobian of the contacts.
 
-Rows of joints come first, each before those between it and the root, then those of roots, then of bodies: what hangs on
+Rows of joints come first, each before those between it and the root, then those of roots, then of bodies: what moves with
 different joints is coupled by what follows alone, so that elimination in this order fills in little.
 """
 

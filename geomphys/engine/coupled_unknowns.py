@@ -128,16 +128,17 @@ def keep_world_velocity(scene: Scene, c: Coupled, tree: int) -> None:
 
 
 @kernel
-def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> None:
-    """Relax the rotation offset of the root, which is no unknown, by (6) in closed form over `dt` [s]."""
+def relax_rotation(scene: Scene, c: Coupled, tree: int, dt: float) -> bool:
+    """Relax the rotation offset of the root, which is no unknown, by (6) in closed form over `dt` [s]; whether there is one."""
     t = c.trees[tree]
     if t.rotation_offset[0] == 0.0 and t.rotation_offset[1] == 0.0 and t.rotation_offset[2] == 0.0:
-        return
+        return False
     x, v, r = rotation_vector(quat_of(t.rotation_offset)), t.rotation_offset_rate, relaxation_of(scene.trees, tree, dt)
     x0, v[0] = relax_by(r, x[0], v[0])
     x1, v[1] = relax_by(r, x[1], v[1])
     x2, v[2] = relax_by(r, x[2], v[2])
     set_quat(t.rotation_offset, quat_from_rotation_vector((x0, x1, x2)))
+    return True
 
 
 @noinline

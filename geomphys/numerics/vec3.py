@@ -210,6 +210,13 @@ def rotation_vector(q: Quat) -> Vec:
 
 
 @kernel
+def quat_half(q: Quat) -> Quat:
+    """Rotation by half the angle of a unit quaternion, the shorter way round: midway between it and the identity."""
+    s = 1.0 if q[3] >= 0.0 else -1.0
+    return quat_unit((s * q[0], s * q[1], s * q[2], s * q[3] + 1.0))
+
+
+@kernel
 def slerp(a: Quat, b: Quat, w: float) -> Quat:
     """Spherical interpolation from a (w = 0) to b, along the shorter arc; a itself at 0."""
     if w == 0.0:

@@ -9,7 +9,7 @@ import numpy as np
 
 from geomphys.engine.coupled_contacts import find_coupled_contacts, find_inequalities
 from geomphys.engine.coupled_groups import activate_group, label_groups
-from geomphys.engine.coupled_motion import pose_driven_trees
+from geomphys.engine.coupled_motion import begin_poses
 from geomphys.engine.coupled_step import predict_end_poses
 from geomphys.engine.coupled_unknowns import load_unknowns
 from geomphys.engine.state import ReplayData, make_replay_data
@@ -53,7 +53,7 @@ class Substep:
     def find_contacts(self, t: float = 0.0, margin: float = 4e-3) -> Substep:
         """Contacts and limits of a step from time `t` to the end."""
         h = self.dt - t
-        pose_driven_trees(self.scene, self.packed, self.roots, self.angles, t, h, self.dt)
+        begin_poses(self.scene, self.packed, self.roots, self.angles, t, h, self.dt)
         find_coupled_contacts(self.scene, self.packed, t, h, margin)
         find_inequalities(self.scene, self.packed, t, h, margin)
         return self
