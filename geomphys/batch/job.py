@@ -20,7 +20,7 @@ from geomphys.errors import GeomphysError, OutputError, SceneError
 from geomphys.load import load_world
 from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.scene.world import World
-from geomphys.storage.output_file import partial_path, publish
+from geomphys.storage.output_file import flushed_later, partial_path, publish
 from geomphys.storage.remote_files import AnyPath, is_remote
 from geomphys.storage.temporary_folders import TemporaryFolder
 from geomphys.version import __version__
@@ -106,7 +106,8 @@ def run_job(job: Job) -> Outcome:
         targets = [target for target in (job.out, job.rrd) if target is not None]
         outputs = [_Output(folder / f"{name}{target.suffix}", target) for target in targets]
         try:
-            outcome = _replay(job, outputs)
+            with flushed_later():
+                outcome = _replay(job, outputs)
             if outcome.status == "done":
                 _publish(outputs)
         except GeomphysError as error:
@@ -199,7 +200,7 @@ def _publish(outputs: Sequence[_Output]) -> None:
     """Move complete outputs to their final paths, replacing those of an earlier attempt and removing its partial ones."""
     for work, target in outputs:
         try:
-            publish(work, target, is_synced=True)
+            publish(work, target)
         except OSError as problem:
             raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
         partial_path(target).unlink(missing_ok=True)
@@ -208,7 +209,7 @@ def _publish(outputs: Sequence[_Output]) -> None:
 def _move_partials(outputs: Sequence[_Output]) -> None:
     for work, target in outputs:
         if (partial := work.with_name(partial_path(work).name)).is_file():
-            publish(partial, partial_path(target), is_synced=True)
+            publish(partial, partial_path(target))
 
 
 class _StopFileCheck:

@@ -18,8 +18,10 @@ import shutil
 import stat
 import sys
 import weakref
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -49,31 +51,28 @@ def partial_path(path: AnyPath) -> AnyPath:
 
 
 class InputFiles:
-    """The files that a run reads, looked up once: no output may be one of them under any name.
-
-    Parameters
-    ----------
-    paths
-        Files; those that are not there yet count for nothing.
-    """
+    """The files that a run reads: no output may be one of them under any name. Those that are not there count for nothing."""
 
     def __init__(self, paths: Iterable[AnyPath]) -> None:
-        self._remote: set[RemotePath] = set()
-        self._local: dict[tuple[int, int], Path] = {}
-        for path in paths:
-            if not isinstance(path, Path):
-                self._remote.add(path)
-                continue
-            with suppress(OSError):
-                about = path.stat()
-                self._local.setdefault((about.st_dev, about.st_ino), path)
+        self._paths = dict.fromkeys(paths)
+
+    @cached_property
+    def _local(self) -> dict[tuple[int, int], Path]:
+        """By device and inode; looked up when first asked for, which is where a file has an output's name already."""
+        found: dict[tuple[int, int], Path] = {}
+        for path in self._paths:
+            if isinstance(path, Path):
+                with suppress(OSError):
+                    about = path.stat()
+                    found.setdefault((about.st_dev, about.st_ino), path)
+        return found
 
     def at(self, device_and_inode: tuple[int, int]) -> Path | None:
         """The input that is this file."""
         return self._local.get(device_and_inode)
 
     def __contains__(self, path: RemotePath) -> bool:
-        return path in self._remote
+        return path in self._paths
 
 
 def check_target(
@@ -129,21 +128,32 @@ def _is_same(path: Path, other: Path) -> bool:
     return path.name == other.name and path.parent.resolve() == other.parent.resolve()
 
 
-def publish(source: Path, target: AnyPath, *, is_synced: bool = False) -> None:
-    """Give a complete local file its final name, on disk when this returns: rename, or upload. Raises OSError.
-
-    `is_synced`: its bytes are on disk already, as those of a file that was published before.
-    """
+def publish(source: Path, target: AnyPath, *, durable: bool = True) -> None:
+    """Give a complete local file its name: rename, or upload; if `durable`, it is on disk when this returns. Raises OSError."""
     if is_remote(target):
         target.put(source)
         source.unlink()
         return
     _refuse_irregular(target)
-    if not is_synced:
+    if durable:
         _sync(source)
     os.replace(source, target)
     with suppress(PermissionError):  # a folder that may be written to but not be read
-        _sync(target.parent)
+        if durable:
+            _sync(target.parent)
+
+
+_flushed_later: ContextVar[bool] = ContextVar("flushed_later", default=False)
+
+
+@contextmanager
+def flushed_later() -> Iterator[None]:
+    """In the block an `OutputFile` is not flushed to disk: the caller gives it its final name by `publish`, which does that."""
+    before = _flushed_later.set(True)
+    try:
+        yield
+    finally:
+        _flushed_later.reset(before)
 
 
 class OutputFile:
@@ -213,7 +223,7 @@ class OutputFile:
             if to_standard_output:
                 _copy_to_standard_output(self.temporary)
             else:
-                publish(self.temporary, target)
+                publish(self.temporary, target, durable=not _flushed_later.get())
         except BrokenPipeError:  # nobody reads standard output any more
             raise
         except OSError as problem:

@@ -17,8 +17,9 @@ import pytest
 
 import geomphys
 from geomphys.batch.executors import largest_first
-from geomphys.batch.job import Job
+from geomphys.batch.job import Job, run_job
 from geomphys.batch.manifest import Entry, Manifest
+from geomphys.output.provenance import sha256_of_file, sha256_of_world
 from geomphys.storage.remote_files import as_path
 from tests.cli.press import SCENE, write_log
 from tests.scene.models import cube, stl
@@ -146,6 +147,37 @@ def test_a_scene_that_changes_under_a_batch_is_an_error_of_the_logs_after_that(t
     assert not (case.out / "c.mcap").exists()
     assert case.run(resume=True).count("done") == 3
     case.check("a", "b", "c")
+
+
+def test_outputs_are_on_disk_under_their_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is flushed once, before it gets its name, and the name after that; not under the name it is written by."""
+    case, calls = Case(tmp_path, a=60), list[tuple[str, Path]]()
+    fsync, replace_file = os.fsync, os.replace
+
+    def synced(descriptor: int) -> None:
+        calls.append(("flushed", Path(f"/proc/self/fd/{descriptor}").readlink()))
+        fsync(descriptor)
+
+    def replaced(source: Path, target: Path) -> None:
+        calls.append(("renamed", Path(target)))
+        replace_file(source, target)
+
+    running = case.out / ".running"
+    running.mkdir(parents=True)
+    world = geomphys.load_world(case.scene)
+    config, out = geomphys.Config(), case.out / "a.mcap"
+    hashes = {"scene_sha256": sha256_of_file(case.scene), "world_sha256": sha256_of_world(world)}
+    job = Job(
+        log=case.logs / "a.mcap", scene=case.scene, out=out, rrd=None, config=config, options=NO_TIMES,
+        running=running, **hashes,
+    )  # fmt: skip
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    assert run_job(job).status == "done"
+    calls = [call for call in calls if call[1].is_relative_to(case.out)]
+    _, work = calls[0]
+    assert work.parent == running
+    assert calls == [("renamed", work), ("flushed", work), ("renamed", out), ("flushed", case.out)]
 
 
 def test_several_processes_begin_with_the_largest_logs(tmp_path: Path) -> None:

@@ -12,7 +12,15 @@ from pathlib import Path
 import pytest
 
 from geomphys.errors import OutputError, RefusedTargetError
-from geomphys.storage.output_file import OutputFile, check_target, check_targets, publish, write_file
+from geomphys.storage.output_file import (
+    InputFiles,
+    OutputFile,
+    check_target,
+    check_targets,
+    flushed_later,
+    publish,
+    write_file,
+)
 
 
 def names(folder: Path) -> set[str]:
@@ -91,6 +99,28 @@ def test_an_input_is_no_output_under_any_name(tmp_path: Path, how: str) -> None:
     with pytest.raises(RefusedTargetError, match="is an input"):
         OutputFile(target, force=True, inputs=[read])
     assert read.read_bytes() == b"read"
+
+
+def test_inputs_are_looked_up_once_and_only_if_an_output_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked_up: list[Path] = []
+    read = [tmp_path / "in.bin", tmp_path / "gone.bin"]
+    read[0].write_bytes(b"read")
+    find = Path.stat
+
+    def counted(path: Path, **options: bool) -> os.stat_result:
+        looked_up.extend([path] if path in read else [])
+        return find(path, **options)
+
+    monkeypatch.setattr(Path, "stat", counted)
+    inputs = InputFiles(read)
+    check_target(tmp_path / "out.bin", inputs=inputs)
+    assert looked_up == []
+    (tmp_path / "out.bin").write_bytes(b"old")
+    for _ in range(2):
+        check_target(tmp_path / "out.bin", inputs=inputs, force=True)
+    assert looked_up == read
 
 
 def test_a_link_is_replaced_and_what_it_leads_to_is_left(tmp_path: Path) -> None:
@@ -234,6 +264,12 @@ def test_file_and_folder_are_on_disk_before_it_returns(tmp_path: Path, monkeypat
     (tmp_path / "b.bin").write_bytes(b"made elsewhere")
     publish(tmp_path / "b.bin", tmp_path / "c.bin")
     assert calls == 2 * ["file", "rename", "folder"]
+    calls.clear()
+    with flushed_later():
+        write_file(tmp_path / "work", b"data")
+    assert calls == ["rename"]
+    publish(tmp_path / "work", tmp_path / "d.bin")
+    assert calls == ["rename", "file", "rename", "folder"]
 
 
 def test_a_dash_is_standard_output(tmp_path: Path) -> None:
