@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.collision.detect import Near
+from geomphys.collision.global_depth import GlobalDepths
+from geomphys.collision.scratch import Scratch
 from geomphys.config import Config
 from geomphys.driven.links import links_of
 from geomphys.driven.paper.state import PaperWorkspace, make_paper_workspace
@@ -20,6 +23,9 @@ from geomphys.jit.packed_records import pack
 from geomphys.scene.world import World
 
 Bytes = NDArray[np.uint8]
+
+TABLES = (GlobalDepths, Near, Scratch)
+"""Records whose rows are read only once they are written; more than half of the memory."""
 
 
 class ReplayMemory:
@@ -58,7 +64,7 @@ class ReplayMemory:
     @cached_property
     def _at_beginning(self) -> list[tuple[Bytes, Bytes | int]]:
         """The memory of each array, and what it holds at the beginning, 0 if only zeros; not of those that are the scene's."""
-        arrays, initial = _arrays((self.data, self.paper)), _arrays(self._make())
+        arrays, initial = _state((self.data, self.paper)), _state(self._make())
         found = {
             (array.ctypes.data, array.nbytes): (_bytes_of(array), content if (content := _bytes_of(value)).any() else 0)
             for array, value in zip(arrays, initial, strict=True)
@@ -67,7 +73,7 @@ class ReplayMemory:
         return list(found.values())
 
     def reset(self) -> None:
-        """Set every number to what it is at the beginning of a replay."""
+        """Set every number to what it is at the beginning of a replay, but in the rows of `TABLES`."""
         for memory, initial in self._at_beginning:
             memory[:] = initial
 
@@ -92,13 +98,14 @@ def give_back(memory: ReplayMemory) -> None:
     _free[:] = [memory]
 
 
-def _arrays(record: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
-    """All arrays of a nested tuple, in order."""
+def _state(record: tuple[Any, ...]) -> Iterator[NDArray[Any]]:
+    """The arrays that hold something from frame to frame: all but the rows of `TABLES`, in order."""
     for value in record:
         if isinstance(value, np.ndarray):
-            yield value
+            if not (isinstance(record, TABLES) and value.ndim):
+                yield value
         elif isinstance(value, tuple):
-            yield from _arrays(value)
+            yield from _state(value)
 
 
 def _bytes_of(array: NDArray[Any]) -> Bytes:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ import geomphys
 from geomphys.config import Config
 from geomphys.driven.weights import WEIGHTS
 from geomphys.engine import replay_memory
-from geomphys.engine.replay_memory import ReplayMemory, _arrays, give_back, take_memory
+from geomphys.engine.replay_memory import TABLES, ReplayMemory, _state, give_back, take_memory
 from geomphys.load import load_world
 from geomphys.scene.world import World
 
@@ -26,7 +28,15 @@ def world() -> World:
 
 
 def arrays_of(memory: ReplayMemory) -> list[np.ndarray]:
-    return [*_arrays((memory.data, memory.paper))]
+    return [*_state((memory.data, memory.paper))]
+
+
+def rows_of_tables(record: Any) -> Iterator[np.ndarray]:
+    for value in record:
+        if isinstance(value, tuple):
+            yield from rows_of_tables(value)
+        elif isinstance(record, TABLES) and value.ndim:
+            yield value
 
 
 @METHODS
@@ -70,3 +80,24 @@ def test_a_replay_gives_the_same_bytes_after_any_other(world: World, config: Con
     beside = output("beside.mcap", short)
     frames.close()
     assert alone == beside == output("after.mcap", short)
+
+
+@METHODS
+@pytest.mark.parametrize("name", ["gripper_cube", "two_hands"])
+def test_rows_that_are_not_reset_are_not_read_before_they_are_written(
+    name: str, config: Config, tmp_path: Path
+) -> None:
+    scene, out = load_world(ROOT / f"assets/scenes/{name}.toml"), tmp_path / "out.mcap"
+    config = replace(config, start=1.0, end=2.5)
+    replay_memory._free.clear()
+    found = set()
+    for left_over in (0x00, 0xA5, 0xFF):
+        for memory in replay_memory._free:
+            tables = [*rows_of_tables((memory.data, memory.paper))]
+            assert sum(table.nbytes for table in tables) > 1e6
+            for table in tables:
+                table.reshape(-1).view(np.uint8)[:] = left_over
+        options = geomphys.OutputOptions(timing=False)
+        geomphys.run(ROOT / f"recordings/{name}.mcap", scene, out=out, config=config, options=options, force=True)
+        found.add(out.read_bytes())
+    assert len(found) == 1
