@@ -22,7 +22,8 @@ from geomphys.errors import GeomphysError
 from geomphys.output.input_copy import MessageCopy
 from geomphys.output.mcap_writer import McapWriter
 from geomphys.output.output_log import open_output
-from geomphys.recording.reader import RawMessage, open_log
+from geomphys.recording.raw_messages import RawMessage
+from geomphys.recording.reader import open_log
 from geomphys.storage.child_process import ending_with_this_process
 from geomphys.storage.temporary_folders import TemporaryFolder
 

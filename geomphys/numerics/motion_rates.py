@@ -53,7 +53,8 @@ class MotionMeter:
         for order in range(1, ORDER + 1):
             span = (times[order:] - times[:-order]) * 1e-9
             with np.errstate(divide="ignore", invalid="ignore"):  # equal times: no derivative
-                differences = np.diff(differences, axis=0) / span[:, None, None, None]
+                differences = np.diff(differences, axis=0)
+                differences /= span[:, None, None, None]
             factor *= order
             found = speeds if order == 1 else jerks
             if order in (1, ORDER) and positions.shape[2]:

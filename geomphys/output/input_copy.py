@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from geomphys.output.mcap_writer import McapWriter
-from geomphys.recording.reader import LogChannel, RawMessage, open_log
+from geomphys.recording.raw_messages import RawMessage
+from geomphys.recording.reader import LogChannel, open_log
 from geomphys.storage.remote_files import AnyPath
 
 PREFIX = "/input"

@@ -14,7 +14,8 @@ from geomphys.recording.channels import Content, JointSample, Pose, kind_of, mak
 from geomphys.recording.check import CheckReport, check_log
 from geomphys.recording.decoders import BadMessageError
 from geomphys.recording.display_names import MAX_REMEMBERED, add_names
-from geomphys.recording.reader import LogChannel, LogReader, RawMessage, open_log
+from geomphys.recording.raw_messages import RawMessage
+from geomphys.recording.reader import LogChannel, LogReader, open_log
 from geomphys.recording.samples import CONTENT_NAMES
 from geomphys.recording.space_guess import Corner, MotionSamples, PoseExtent, SpaceGuess, guess_space
 from geomphys.recording.streams import VALUE_LIMIT, validated_pose

@@ -21,7 +21,7 @@ from geomphys.recording.message_batches import BatchAdder
 from geomphys.recording.message_times import Watermark
 from geomphys.recording.pose_tuples import PoseTuple
 from geomphys.recording.prepared_log import PreparedLog
-from geomphys.recording.reader import RawMessage
+from geomphys.recording.raw_messages import RawMessage
 from geomphys.recording.reading_ahead import batches
 from geomphys.recording.routes import ChannelRoutes, RootRoute
 from geomphys.recording.routing import build_routing_table
@@ -115,8 +115,8 @@ class LogPass:
             self.clock.add(self.source.reader.start_ns)
             self.clock.add(self.source.reader.end_ns)
         watermark, keys, adder = Watermark(), set(self.routes), self._batch_adder()
-        messages = self.source.reader.read(keys, file_order=self.source.file_order) if keys else iter(())
-        for batch in ([raw] for raw in messages) if adder is None else batches(messages):
+        runs = self.source.reader.read_runs(keys, file_order=self.source.file_order) if keys else iter(())
+        for batch in runs if adder is None else batches(runs, keys):
             if adder is not None and adder.add(batch, watermark):
                 yield from self._frames_until(watermark.time - self.lookahead, many=True)
                 continue
@@ -155,7 +155,7 @@ class LogPass:
         times = times[:count]
         roots, angles = (np.repeat(one[None], count, axis=0) for one in (self.default_roots, self.default_angles))
         for root in self.roots:
-            roots[:, root.input.source.tree] = [*map(root.world_from_root, root.stream.take(count))]
+            roots[:, root.input.source.tree] = root.world_from_roots(root.stream.take(count))
         for target, stream in joints:
             angles[:, target] = stream.take(count)
         first, extremes = self.count, np.stack([angles.min(axis=0), angles.max(axis=0)])

@@ -7,7 +7,7 @@ so are the frames that are made after them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from geomphys.recording.clock import FrameClock
 from geomphys.recording.fixed_layout import Columns, FixedLayoutReader, JointShape
 from geomphys.recording.message_times import MessageTimes, Watermark
-from geomphys.recording.reader import RawMessage
+from geomphys.recording.raw_messages import Messages
 from geomphys.recording.routes import ChannelRoutes, JointRoute, RootRoute
 from geomphys.recording.samples import Content
 from geomphys.recording.stamp_monitor import StampMonitor, StampTrack
@@ -29,7 +29,7 @@ class _Run(NamedTuple):
     """The messages of a channel in a batch, and where their values go."""
 
     route: ChannelRoutes
-    positions: list[int]  # in the batch
+    positions: Ints  # in the batch
     times: Ints  # ns, their stamps
     log_times: Ints  # ns
     track: StampTrack
@@ -66,14 +66,11 @@ class BatchAdder:
         self._routes, self._readers, self._times = routes, readers, times
         self._monitor, self._topics, self._clock, self._delay = monitor, topics, clock, delay
 
-    def add(self, batch: Sequence[RawMessage], watermark: Watermark) -> bool:
+    def add(self, batch: Messages, watermark: Watermark) -> bool:
         """Add the messages and return True; add none and return False where one is irregular."""
-        of_channel: dict[int, list[int]] = {}
-        for position, raw in enumerate(batch):
-            of_channel.setdefault(raw.key, []).append(position)
         runs = []
-        for key, positions in of_channel.items():
-            run = self._run(key, positions, [batch[p] for p in positions])
+        for key, positions in batch.by_channel().items():
+            run = self._run(key, positions, batch)
             if run is None:
                 return False
             runs.append(run)
@@ -88,8 +85,8 @@ class BatchAdder:
         watermark.add_many(times)
         return True
 
-    def _run(self, key: int, positions: list[int], messages: Sequence[RawMessage]) -> _Run | None:
-        """The messages of a channel; None where one is irregular."""
+    def _run(self, key: int, positions: Ints, batch: Messages) -> _Run | None:
+        """The messages of a channel, at positions in the batch; None where one is irregular."""
         route, read, topic = self._routes[key], self._readers.get(key), self._topics.get(key)
         if (
             not isinstance(read, FixedLayoutReader)
@@ -98,12 +95,12 @@ class BatchAdder:
             or key in self._times.zero_stamps
         ):
             return None
-        columns = read.columns([raw.data for raw in messages])
+        columns = read.columns([batch.data[p] for p in positions.tolist()])
         if columns is None or not columns.stamps.all():
             return None
         part, child = _names(columns, route)
         track = self._monitor.tracks.get((topic, part))
-        log_times = np.array([raw.log_time for raw in messages], np.int64)
+        log_times = batch.log_times[positions]
         if track is None or not track.is_steady(columns.stamps, log_times):
             return None
         values = _values(columns, route)

@@ -14,8 +14,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from heapq import heappop, heappush, heapreplace
 from types import TracebackType
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 
 from geomphys.errors import DamagedLogError, LogError
@@ -34,11 +35,12 @@ from geomphys.recording.mcap_records import (
 )
 from geomphys.recording.mcap_scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.mcap_summary import scan_summary
+from geomphys.recording.raw_messages import Messages, RawMessage
 from geomphys.storage.remote_files import AnyPath, RemotePath, as_path, is_remote
 
 PENDING_LIMIT = 256 * 2**20
 """Bytes of messages that are held to bring them into the order of their times."""
-_SpanKey = tuple[int, Span, int, frozenset[int]]  # number of the file, span, order, channels
+_SpanKey = tuple[int, Span, frozenset[int]]  # number of the file, span, channels
 MAX_LISTED_DAMAGE = 3  # losses listed one by one in a message
 MAX_LISTED_OPCODES = 4
 
@@ -58,19 +60,6 @@ class LogChannel:
     last_ns: int
     metadata: tuple[tuple[str, str], ...] = ()
     longest_gap_ns: int | None = None  # None: only known by reading the messages
-
-
-class RawMessage(NamedTuple):
-    """An undecoded message; times in ns."""
-
-    key: int  # of its channel
-    log_time: int
-    publish_time: int
-    data: bytes
-    sequence: int = 0
-
-
-_Pending = tuple[int, int, RawMessage]  # log time, order in the file
 
 
 @dataclass(frozen=True)
@@ -93,7 +82,7 @@ class LogReader:
         self.size = 0
         self._recover = recover
         self._streams: dict[RemotePath, BinaryIO] = {}  # of files behind URLs
-        self._loaded: tuple[_SpanKey, list[_Pending]] | None = None  # the span that was loaded last, for the next pass
+        self._loaded: tuple[_SpanKey, Messages] | None = None  # the span that was loaded last, for the next pass
         self._scans: list[FileScan] = []
         for file in self.files:
             self._scans.append(self._scan(file))
@@ -154,72 +143,72 @@ class LogReader:
     def read(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[RawMessage]:
         """Stream the messages of the channels `keys` (None: of all) in the order of their log times.
 
+        `keys` is evaluated for every message, so a caller may drop channels while it reads. See `read_runs`.
+        """
+        for run in self.read_runs(keys, file_order=file_order):
+            for message in run:
+                if keys is None or message.key in keys:
+                    yield message
+
+    def read_runs(self, keys: Container[int] | None = None, *, file_order: bool = False) -> Iterator[Messages]:
+        """Stream the messages of the channels `keys` (None: of all) in the order of their log times, many at a time.
+
         Messages of one log time keep their order in the file; with `file_order` all do. `keys` is evaluated for every
-        message, so a caller may drop channels while it reads. Memory: the messages asked for of the chunks that overlap
-        in time, at most `PENDING_LIMIT` bytes and one chunk; where more overlap, the order is that of the file in part.
+        chunk. Memory: the messages asked for of the chunks that overlap in time, at most `PENDING_LIMIT` bytes and one
+        chunk; where more overlap, the order is that of the file in part.
 
         Raises LogError if the file changed since it was opened or cannot be read any more.
         """
         spans = [(n, span) for n, scan in enumerate(self._scans) for span in scan.spans]
         if file_order:
             for number, span in spans:
-                for _, _, message in self._load(number, span, 0, keys):
-                    if keys is None or message.key in keys:
-                        yield message
+                yield self._load(number, span, keys)
             return
         unread_spans = deque(sorted(enumerate(spans), key=lambda item: item[1][1].first))
-        # a heap of the sorted messages of each span, by the first of them
-        pending: list[tuple[_Pending, deque[_Pending]]] = []
+        # a heap of the messages of each span from its first unread one on, by its time and the order of the spans
+        pending: list[tuple[int, int, int, Messages]] = []
         size = 0
         while unread_spans or pending:
             while unread_spans and size < PENDING_LIMIT:
                 order, (number, span) = unread_spans[0]
-                if pending and span.first > pending[0][0][0]:
+                if pending and span.first > pending[0][0]:
                     break
                 unread_spans.popleft()
-                loaded = self._load(number, span, order << 32, keys)
-                size += sum([len(message.data) for _, _, message in loaded])
-                if loaded:
-                    run = deque(sorted(loaded))
-                    heappush(pending, (run[0], run))
+                run = self._load(number, span, keys).in_order_of_time()
+                size += run.size
+                if len(run):
+                    heappush(pending, (int(run.log_times[0]), order, 0, run))
             next_start = unread_spans[0][1][1].first if unread_spans else None
-            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0][0] < next_start):
-                run = pending[0][1]
-                if len(pending) == 1 and (next_start is None or run[-1][0] < next_start):  # nothing comes in between
-                    pending.clear()
-                    size = 0
-                    for _, _, message in run:
-                        if keys is None or message.key in keys:
-                            yield message
-                    break
-                _, _, message = run.popleft()
-                if run:
-                    heapreplace(pending, (run[0], run))
+            while pending and (next_start is None or size >= PENDING_LIMIT or pending[0][0] < next_start):
+                _, order, begin, run = pending[0]
+                later = [time for time, *_ in pending[1:3]]  # the next of the heap is one of these
+                later += [] if next_start is None else [next_start]
+                end = max(begin + 1, int(np.searchsorted(run.log_times, min(later)))) if later else len(run)
+                if end < len(run):
+                    heapreplace(pending, (int(run.log_times[end]), order, end, run))
                 else:
                     heappop(pending)
-                size -= len(message.data)
-                if keys is None or message.key in keys:
-                    yield message
+                part = run.rows(begin, end)
+                size -= part.size
+                yield part
 
-    def _load(self, number: int, span: Span, order: int, keys: Container[int] | None) -> list[_Pending]:
-        """Messages of a span, each with its rank in file order."""
+    def _load(self, number: int, span: Span, keys: Container[int] | None) -> Messages:
+        """Messages of a span, in the order of the file."""
         base, channels, file = number << 16, self._scans[number].channels, self.files[number]
         selected = frozenset(c for c in span.channels if c in channels and (keys is None or base | c in keys))
         if not selected:
-            return []
-        span_key = number, span, order, selected
+            return Messages.of([])
+        span_key = number, span, selected
         if self._loaded is not None and self._loaded[0] == span_key:
             return self._loaded[1]
         try:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
                 messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
-                loaded = [
-                    (t, order | k, RawMessage(base | c, t, p, d, n)) for k, (c, t, p, d, n) in enumerate(messages)
-                ]
+                loaded = Messages.of((base | c, t, p, d, n) for c, t, p, d, n in messages)
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
-        except (BadRecordError, ValueError, struct.error) as problem:
+        except (BadRecordError, ValueError, OverflowError, struct.error) as problem:
             if self._scans[number].verified:
                 raise LogError(f"{file}: changed while it was read") from problem
             raise DamagedLogError(

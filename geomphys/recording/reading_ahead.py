@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Container, Iterable, Iterator
 
-from geomphys.recording.reader import RawMessage
+from geomphys.recording.raw_messages import Messages
 
 BATCH_MESSAGES = 256
 FIRST_MESSAGES = 32
-"""Of the first batch, whose messages are taken one by one; others are read as many at a time."""
-BATCH_BYTES = 1 << 20
-"""A batch that is larger ends."""
+"""Of the first batch, whose messages are taken one by one."""
 
 
-def batches(messages: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
-    """The messages in their order, many at a time."""
-    unread, most = iter(messages), FIRST_MESSAGES
-    while True:
-        batch, size = list[RawMessage](), 0
-        while len(batch) < most and size <= BATCH_BYTES and (part := [*islice(unread, FIRST_MESSAGES)]):
-            batch += part
-            size += sum([len(message.data) for message in part])
-        if not batch:
-            return
-        yield batch
-        most = BATCH_MESSAGES
+def batches(runs: Iterable[Messages], keys: Container[int]) -> Iterator[Messages]:
+    """The messages of runs in their order, many at a time, of those channels that `keys` has when they are asked for."""
+    parts, count, most = list[Messages](), 0, FIRST_MESSAGES
+    for run in runs:
+        begin = 0
+        while begin < len(run):
+            end = begin + most - count
+            parts.append(run.rows(begin, end).of_channels(keys))
+            begin, count = end, count + len(parts[-1])
+            if count >= most:
+                yield Messages.joined(parts)
+                parts, count, most = [], 0, BATCH_MESSAGES
+    if count:
+        yield Messages.joined(parts)

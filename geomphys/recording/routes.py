@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from bisect import insort
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +140,16 @@ class RootRoute:
         That is world_from_space ∘ space_from_tracker ∘ tracker_from_root; identity parts change nothing, to the bit.
         """
         return compose(self.space.to_world(value), self.tracker_from_root)
+
+    def world_from_roots(self, values: Sequence[PoseTuple]) -> Floats:
+        """`world_from_root` of many poses, (n, 7)."""
+        return _compose_all(np.array([self.space.to_world(value) for value in values]), self.tracker_from_root)
+
+
+def _compose_all(poses: Floats, b_from_c: PoseTuple) -> Floats:
+    """`compose` of poses (n, 7) with one, to the bit."""
+    columns: tuple[Any, ...] = tuple(poses.T)
+    return np.stack(compose(columns, b_from_c), axis=1)
 
 
 def _to_space(chain: TransformChain, time: int, value: PoseTuple) -> PoseTuple | None:

@@ -20,7 +20,8 @@ from geomphys.recording.message_layouts import PoseLayout
 from geomphys.recording.message_times import EARLY_CLOCK, MessageTimes
 from geomphys.recording.point_reader import make_point_reader
 from geomphys.recording.pose_tuples import PoseTuple
-from geomphys.recording.reader import LogChannel, LogReader, RawMessage
+from geomphys.recording.raw_messages import Messages, RawMessage
+from geomphys.recording.reader import LogChannel, LogReader
 from geomphys.recording.reading_ahead import batches
 from geomphys.recording.streams import VALUE_LIMIT, validated_pose
 
@@ -107,7 +108,7 @@ def prescan_streams(reader: LogReader, plan: Plan, config: Config, times: Messag
     probes = _probes(plan, prescan, zero_stamps_resolved=config.time != "header")
     keys = set(probes)
     delay = round(config.max_delay * 1e9)
-    for batch in batches(reader.read(keys)):
+    for batch in batches(reader.read_runs(keys), keys):
         if config.time == "header" and _repeats(batch, probes, prescan, times):
             keys -= {key for key in keys if _is_channel_complete(probes[key], prescan, delay)}
             if not keys:
@@ -129,15 +130,12 @@ def prescan_streams(reader: LogReader, plan: Plan, config: Config, times: Messag
     return prescan
 
 
-def _repeats(
-    batch: Sequence[RawMessage], probes: dict[int, _ChannelProbe], prescan: Prescan, times: MessageTimes
-) -> bool:
+def _repeats(batch: Messages, probes: dict[int, _ChannelProbe], prescan: Prescan, times: MessageTimes) -> bool:
     """Whether messages that go by their stamps repeat what is known, later; then they are added to their probes."""
     latest: dict[int, int] = {}
-    of_channel: dict[int, list[bytes]] = {}
-    for raw in batch:
-        of_channel.setdefault(raw.key, []).append(raw.data)
-    for key, messages in of_channel.items():
+    of_channel = batch.by_channel()
+    for key, positions in of_channel.items():
+        messages = [batch.data[p] for p in positions.tolist()]
         probe, read = probes[key], prescan.readers[key]
         if probe.complete_from is None or not isinstance(read, FixedLayoutReader) or key in times.zero_stamps:
             return False

@@ -19,6 +19,10 @@ from geomphys.scene.world import World
 from tests.recording.log_files import Item, Tree, joints, make_world, pose, turned, write_log
 
 WORLD = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b", "c")))
+MOUNTED = make_world(
+    Tree(root="/wrist", topic="/glove", joints=("a", "b", "c"), offset=(0.01, -0.02, 0.03, *turned(0.4))),
+    recording={"up": "y", "unit": "cm", "position": [0.1, 0.2, 0.3]},
+)
 LIMITED = make_world(Tree(root="/wrist", topic="/glove", joints=("a", "b", "c"), limits=(-0.9, 0.8)))
 S = 10**9
 
@@ -120,6 +124,7 @@ IRREGULAR: dict[str, Callable[[list[Item], int, random.Random], None]] = {
         pytest.param(50, WORLD, Config(), id="interpolated"),
         pytest.param(50, WORLD, Config(rate=45.0), id="rate"),
         pytest.param(60, WORLD, Config(), id="at samples"),
+        pytest.param(60, MOUNTED, Config(), id="tracker mounted on the wrist"),
         pytest.param(60, LIMITED, Config(), id="outside limits"),
         pytest.param(60, LIMITED, Config(clamp_limits=True), id="clamped"),
     ],
