@@ -63,7 +63,7 @@ class Entry:
         )
 
 
-SAVING_SHARE = 0.01
+SAVING_SHARE = 0.002
 """Share of its time that a batch may spend on saving its manifest; what a killed one did since the last time is done again."""
 
 
