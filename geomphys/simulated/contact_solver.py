@@ -21,10 +21,11 @@ STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
 STACK = 12  # contacts: groups with more are solved less precisely while they move,
-COARSE = 1000.0  # times less in later sweeps: the next step goes on
-STACK_SWEEPS = 100  # sweeps at most over one
-HEAP = 24  # contacts: groups with more
-HEAP_SLOWEST = 0.5  # end below this part of the slowest motion that is solved
+COARSE = 300.0  # times less in later sweeps: the next step goes on
+STACK_SWEEPS = 100  # sweeps at most over one,
+HEAP = 24  # contacts: unless it has more, which takes more sweeps to settle,
+MOVING = 0.02  # m/s, and nothing of it moves faster
+HEAP_SLOWEST = 0.5  # a larger group ends below this part of the slowest motion that is solved
 HEAP_STILL = 1e-6  # m/s, or this: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
 PLAIN = 4  # first sweeps, an even number, without extrapolation
 
@@ -258,9 +259,11 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
         if normals_first:
             solve_normals(sim, first, end)
         precision = max(STILL, STILL_PART * fastest)
-        later = max(precision, SLOWEST_PART * slowest)
+        later, most = max(precision, SLOWEST_PART * slowest), sweeps
         if end - first > STACK:
             later = max(later, COARSE * STILL_PART * fastest)
+            if end - first <= HEAP or fastest > MOVING:
+                most = min(sweeps, STACK_SWEEPS)
         if end - first > HEAP:
             later = max(later, HEAP_SLOWEST * slowest, HEAP_STILL)
-        solve_group(sim, first, end, min(sweeps, STACK_SWEEPS) if end - first > STACK else sweeps, precision, later)
+        solve_group(sim, first, end, most, precision, later)
