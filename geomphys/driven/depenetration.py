@@ -33,7 +33,7 @@ def _direction(number: int) -> Vec:
 
 @kernel
 def _separation_from_others(scene: Scene, ws: DrivenWorkspace, gap: float) -> float:
-    """The least separation [m], up to the gap, of the tree being solved from others: a translation changes no other."""
+    """The least separation [m], up to the gap, of the tree being solved from others; those within it do not change."""
     measure_near_pairs(scene, ws, gap, gap)
     near, least = ws.near, math.inf
     for k in range(near.counts.filled):

@@ -13,9 +13,7 @@ from geomphys.simulated.motion import load_velocities, refresh
 from geomphys.simulated.resting_contact import set_limits, stop_slow_approach
 from geomphys.simulated.state import IMPACTING, INACTIVE, Contact, Simulation, is_disabled
 
-EARLY = (
-    2e-4  # s: what would touch within this time collides with what touches now, where more than `HEAP` points are near
-)
+EARLY = 2e-4  # s: in a heap, what would touch within this time collides with what touches now
 MAX_HITS = 3  # collisions of a pair at one moment; beyond, all points that still approach are stopped together
 
 

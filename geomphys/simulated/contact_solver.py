@@ -20,13 +20,13 @@ STILL = 1e-11  # m/s: sweeps end when none changes a velocity by more than this,
 STILL_PART = 1e-6  # of the fastest motion at a point of the group
 SLOWEST_PART = 1e-2  # the same of the slowest motion that is solved
 START_SWEEPS = 400  # sweeps at most over normal impulses alone
-STACK = 12  # contacts: groups with more are solved less precisely while they move,
-COARSE = 300.0  # times less in later sweeps: the next step goes on
-STACK_SWEEPS = 100  # sweeps at most over one,
-HEAP = 24  # contacts: unless it has more, which takes more sweeps to settle,
-MOVING = 0.02  # m/s, and nothing of it moves faster
-HEAP_SLOWEST = 0.5  # a larger group ends below this part of the slowest motion that is solved
-HEAP_STILL = 1e-6  # m/s, or this: 4 nm a step, or a heap sinks before it sleeps, and is lifted again
+STACK = 12  # contacts: groups with more are solved less precisely while they move, as the next step goes on from there
+COARSE = 300.0  # times `STILL_PART`: the precision of later sweeps over them
+STACK_SWEEPS = 100  # sweeps at most over them; over a heap only while it moves, as it takes more to settle
+HEAP = 24  # contacts: groups with more
+MOVING = 0.02  # m/s: a heap moves if one of its points is faster
+HEAP_SLOWEST = 0.5  # of the slowest motion that is solved: later sweeps over a heap are no more precise
+HEAP_STILL = 1e-6  # m/s: nor than this; at more than these 4 nm a step it sinks before it sleeps, and is lifted again
 PLAIN = 4  # first sweeps, an even number, without extrapolation
 
 
@@ -170,7 +170,7 @@ def extrapolate(sim: Simulation, first: int, end: int, number: int, momentum: fl
             r.normal_impulse, r.tangent_impulse[0], r.tangent_impulse[1] = to
             apply_impulses(sim, r, change)
             disturb(sim, r, number)
-        else:
+        else:  # where it is: `add_reversal` compares it with that of the next sweep
             set_vec(r.extrapolated, j)
 
 
@@ -259,11 +259,11 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
         if normals_first:
             solve_normals(sim, first, end)
         precision = max(STILL, STILL_PART * fastest)
-        later, most = max(precision, SLOWEST_PART * slowest), sweeps
-        if end - first > STACK:
+        count, bound, later = end - first, sweeps, max(precision, SLOWEST_PART * slowest)
+        if count > STACK:
             later = max(later, COARSE * STILL_PART * fastest)
-            if end - first <= HEAP or fastest > MOVING:
-                most = min(sweeps, STACK_SWEEPS)
-        if end - first > HEAP:
+        if count > HEAP:
             later = max(later, HEAP_SLOWEST * slowest, HEAP_STILL)
-        solve_group(sim, first, end, most, precision, later)
+        if STACK < count <= HEAP or (count > HEAP and fastest > MOVING):
+            bound = min(sweeps, STACK_SWEEPS)
+        solve_group(sim, first, end, bound, precision, later)
