@@ -259,4 +259,5 @@ def main() -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         silence(sys.stdout)
+    gc.freeze()  # else Python looks for garbage as it ends: tens of milliseconds
     sys.exit(code)

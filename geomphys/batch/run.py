@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geomphys.batch.executors import Control, Finished, run_in_processes, run_on_cluster
 from geomphys.batch.job import STOP, Job, Outcome
@@ -20,12 +20,14 @@ from geomphys.config import Config, OutputOptions
 from geomphys.errors import OutputError, RefusedTargetError
 from geomphys.load import load_world
 from geomphys.output.provenance import files_of_log, sha256_of_file, sha256_of_log, sha256_of_world
-from geomphys.scene.decomposition import Progress
 from geomphys.scene.world import World
 from geomphys.storage.child_process import available_cores
 from geomphys.storage.output_file import InputFiles, check_target
 from geomphys.storage.remote_files import AnyPath, as_path, is_remote
 from geomphys.version import __version__
+
+if TYPE_CHECKING:
+    from geomphys.scene.decomposition import Progress
 
 RUNNING = ".running"
 """Name of the folder for incomplete files, in the batch's folder."""
