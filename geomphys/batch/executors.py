@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 
-from geomphys.batch.job import Job, Outcome, failure, preload_world, run_job
+from geomphys.batch.job import Job, Outcome, Replayed, failure, preload_world, publish_outputs, replay_job, run_job
 from geomphys.errors import ClusterError
 from geomphys.jit.kernel import are_compiled
 from geomphys.scene.world import World
@@ -80,11 +80,12 @@ def _run_until_process_dies(
 ) -> Generator[Finished, None, list[tuple[int, Job]]]:
     """Run a queue in `count` processes until it is empty or one dies; returns the jobs that they had then, `most` of them.
 
-    The outcome of a job is reported once the next one is at work; that of a failed job at once, as none may start after it.
+    The outputs of a job are published, and its outcome reported, once the next one is at work; but at once where none may
+    start after a failure.
     """
     executor = ProcessPool(count, preload_world, world)
-    running: dict[Future[Outcome], tuple[int, Job]] = {}
-    done: list[Finished] = []
+    running: dict[Future[Replayed], tuple[int, Job]] = {}
+    done: deque[tuple[int, Replayed]] = deque()
     lost_jobs: list[tuple[int, Job]] = []
     try:
         while (running or queue) and not lost_jobs:
@@ -94,23 +95,22 @@ def _run_until_process_dies(
                 and control.may_start()
             ):
                 with signals_deferred():
-                    running[executor.submit(run_job, queue[0][1])] = queue[0]
+                    running[executor.submit(replay_job, queue[0][1])] = queue[0]
                 queue.popleft()
-            yield from done
-            done = []
+            yield from _published(done)
             if not running:
                 break
             with signals_deferred():
                 completed, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
-            for future in sorted(completed, key=lambda f: running[f][0]):
-                index, job = running.pop(future)
-                error = future.exception()
-                if isinstance(error, BrokenProcessPool):
-                    lost_jobs.append((index, job))
-                elif error is None and future.result().status == "done":
-                    done.append((index, future.result()))
-                else:
-                    yield index, future.result() if error is None else failure(error)
+                for future in sorted(completed, key=lambda f: running[f][0]):
+                    index, job = running.pop(future)
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        lost_jobs.append((index, job))
+                    else:
+                        done.append((index, future.result() if error is None else Replayed(failure(error))))
+            if control.ends_at_failure:
+                yield from _published(done)
             if lost_jobs:
                 lost_jobs = sorted([*lost_jobs, *running.values()], key=lambda item: item[0])
     except BrokenProcessPool:  # a process died between two jobs
@@ -118,13 +118,26 @@ def _run_until_process_dies(
     except BaseException:
         control.request_stop()
         _shut_down(executor, running)
+        ended = {future: index for future, (index, _) in running.items() if not future.cancelled()}
+        done.extend((index, future.result()) for future, index in ended.items() if future.exception() is None)
+        for _ in _published(done):
+            pass
         raise
-    yield from done
+    yield from _published(done)
     _shut_down(executor, running)
     return lost_jobs
 
 
-def _shut_down(executor: ProcessPool, running: Iterable[Future[Outcome]]) -> None:
+def _published(done: deque[tuple[int, Replayed]]) -> Iterator[Finished]:
+    """Publish the outputs of jobs, one after another; no signal comes between."""
+    while done:
+        with signals_deferred():
+            index, replayed = done.popleft()
+            outcome = publish_outputs(replayed)
+        yield index, outcome
+
+
+def _shut_down(executor: ProcessPool, running: Iterable[Future[Replayed]]) -> None:
     """Wait for the running jobs, then for their processes; an exception meanwhile kills the processes."""
     shutdown = threading.Thread(target=executor.shutdown, kwargs={"cancel_futures": True}, daemon=True)
     shutdown.start()

@@ -8,7 +8,7 @@ import gc
 import time
 import traceback
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
@@ -91,12 +91,24 @@ class _Output(NamedTuple):
     target: AnyPath
 
 
+class Replayed(NamedTuple):
+    """What a replay left."""
+
+    outcome: Outcome
+    outputs: Sequence[_Output] = ()  # complete files that have yet to be published
+
+
 def run_job(job: Job) -> Outcome:
     """Replay a log and publish its outputs.
 
     They are written under a name unique to this call and renamed when complete, so a job that runs twice concurrently,
     after a network failure for example, leaves no torn file. A replay that ends early leaves ``STEM.partial.mcap``.
     """
+    return publish_outputs(replay_job(job))
+
+
+def replay_job(job: Job) -> Replayed:
+    """Replay a log; another process of this machine may publish what is complete. To a URL it is published already."""
     if job.version != __version__:
         raise GeomphysError(
             f"this worker has geomphys {__version__}, the batch was started by {job.version}; install the same version"
@@ -105,20 +117,48 @@ def run_job(job: Job) -> Outcome:
         name = uuid.uuid4().hex
         targets = [target for target in (job.out, job.rrd) if target is not None]
         outputs = [_Output(folder / f"{name}{target.suffix}", target) for target in targets]
+        is_complete = False
         try:
             with flushed_later():
-                outcome = _replay(job, outputs)
-            if outcome.status == "done":
-                _publish(outputs)
-        except GeomphysError as error:
-            outcome = failure(error)
-        except OSError as error:
-            outcome = Outcome(status="failed", error=f"{error.filename or job.out}: {error.strerror or error}")
+                outcome = _outcome_of(lambda: _replay(job, outputs), job.out)
+            is_complete = outcome.status == "done"
         finally:
             _move_partials(outputs)
-            for output in outputs:
-                output.work.unlink(missing_ok=True)
-    return outcome
+            if not is_complete:
+                _remove(outputs)
+        replayed = Replayed(outcome, outputs if is_complete else ())
+        return Replayed(publish_outputs(replayed)) if is_remote(job.running) else replayed
+
+
+def publish_outputs(replayed: Replayed) -> Outcome:
+    """Move complete outputs to their final paths, replacing those of an earlier attempt and removing its partial ones."""
+    outcome, outputs = replayed
+    if not outputs:
+        return outcome
+
+    def publish_all() -> Outcome:
+        try:
+            for work, target in outputs:
+                try:
+                    publish(work, target)
+                except OSError as problem:
+                    raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
+                partial_path(target).unlink(missing_ok=True)
+            return outcome
+        finally:
+            _remove(outputs)
+
+    return _outcome_of(publish_all, outputs[0].target)
+
+
+def _outcome_of(call: Callable[[], Outcome], out: AnyPath) -> Outcome:
+    """The outcome of a call that may raise expected errors."""
+    try:
+        return call()
+    except GeomphysError as error:
+        return failure(error)
+    except OSError as error:
+        return Outcome(status="failed", error=f"{error.filename or out}: {error.strerror or error}")
 
 
 class _StopRequestedError(Exception):
@@ -196,20 +236,15 @@ def _world_changed(scene: AnyPath) -> SceneError:
     )
 
 
-def _publish(outputs: Sequence[_Output]) -> None:
-    """Move complete outputs to their final paths, replacing those of an earlier attempt and removing its partial ones."""
-    for work, target in outputs:
-        try:
-            publish(work, target)
-        except OSError as problem:
-            raise OutputError(f"{target}: cannot be written ({problem.strerror or problem})") from problem
-        partial_path(target).unlink(missing_ok=True)
-
-
 def _move_partials(outputs: Sequence[_Output]) -> None:
     for work, target in outputs:
         if (partial := work.with_name(partial_path(work).name)).is_file():
             publish(partial, partial_path(target))
+
+
+def _remove(outputs: Sequence[_Output]) -> None:
+    for output in outputs:
+        output.work.unlink(missing_ok=True)
 
 
 class _StopFileCheck:

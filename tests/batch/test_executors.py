@@ -10,7 +10,7 @@ import pytest
 
 from geomphys.batch import executors
 from geomphys.batch.executors import Control, run_in_processes
-from geomphys.batch.job import Outcome
+from geomphys.batch.job import Outcome, Replayed
 from geomphys.config import Config
 
 
@@ -18,9 +18,9 @@ class Pool:
     """Takes jobs, and does none."""
 
     def __init__(self, *_: object) -> None:
-        self.futures: list[Future[Outcome]] = []
+        self.futures: list[Future[Replayed]] = []
 
-    def submit(self, *_: object) -> Future[Outcome]:
+    def submit(self, *_: object) -> Future[Replayed]:
         self.futures.append(Future())
         return self.futures[-1]
 
@@ -34,10 +34,10 @@ def test_a_process_has_its_next_job_before_it_ends_one_unless_that_could_fail_th
 ) -> None:
     counts = []
 
-    def first_ends(running: dict[Future[Outcome], Any], **_: object) -> tuple[set[Future[Outcome]], set[object]]:
+    def first_ends(running: dict[Future[Replayed], Any], **_: object) -> tuple[set[Future[Replayed]], set[object]]:
         counts.append(len(running))
         first = next(iter(running))
-        first.set_result(Outcome(status="done"))
+        first.set_result(Replayed(Outcome(status="done")))
         return {first}, set()
 
     monkeypatch.setattr(executors, "ProcessPool", Pool)

@@ -217,6 +217,33 @@ def test_the_next_log_is_at_work_while_one_is_reported(tmp_path: Path) -> None:
     assert case.run(ended=ended).count("done") == 2
 
 
+def test_an_output_that_cannot_be_published_is_an_error_of_its_log(tmp_path: Path) -> None:
+    case = Case(tmp_path, a=60, b=60, c=60)
+    report = case.run(ended=lambda entry: (case.out / "c.mcap").mkdir(exist_ok=True))
+    assert [entry.status for entry in report.entries] == ["done", "done", "failed"]
+    assert report.entries[2].error == f"{case.out / 'c.mcap'}: is a folder; name a file in it"
+    assert {path.name for path in case.out.iterdir()} == {"a.mcap", "b.mcap", "c.mcap", "manifest.json"}
+    (case.out / "c.mcap").rmdir()
+    assert case.run(resume=True).count("done") == 3
+    case.check("a", "b", "c")
+
+
+def test_what_is_complete_when_a_batch_ends_early_is_published(tmp_path: Path) -> None:
+    case, until = Case(tmp_path, a=60, b=60, c=LONG), time.monotonic() + 20.0
+
+    def ended(entry: Entry) -> None:
+        running = case.out / ".running"
+        while not (list(running.glob("*.mcap")) and list(running.glob(".*.mcap.*.tmp"))):  # b is complete, c at work
+            assert time.monotonic() < until
+        raise RuntimeError(entry.out)
+
+    with pytest.raises(RuntimeError, match=r"a\.mcap"):
+        case.run(ended=ended)
+    assert {path.name for path in case.out.iterdir()} == {"a.mcap", "b.mcap", "c.partial.mcap", "manifest.json"}
+    assert case.run(resume=True).count("done") == 3
+    case.check("a", "b", "c")
+
+
 def test_outputs_that_are_there_are_not_replaced_unasked(tmp_path: Path) -> None:
     case = Case(tmp_path, a=60)
     case.out.mkdir()
