@@ -31,7 +31,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from geomphys.output.byte_strings import ByteStrings, side_by_side
-from geomphys.recording.mcap_records import MAGIC
+from geomphys.recording.mcap_records import MAGIC, MESSAGE_HEAD
 from geomphys.storage.overlapped_call import OverlappedCall, can_overlap
 
 Ints = NDArray[np.int64]
@@ -39,19 +39,7 @@ Ints = NDArray[np.int64]
 CHUNK_BYTES = 1 << 20
 """A chunk ends with the message that makes it larger than this."""
 
-_HEAD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
-"""What a message's record begins with."""
-
-_LENGTH_AFTER = _HEAD.itemsize - 9  # bytes of the head that its length counts
+_LENGTH_AFTER = MESSAGE_HEAD.itemsize - 9  # bytes of the head that its length counts
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
@@ -116,7 +104,7 @@ class McapWriter:
     def add_messages(self, messages: Messages) -> None:
         """Add messages in their order."""
         count, lengths = len(messages.data), messages.data.length
-        heads = np.zeros(count, _HEAD)
+        heads = np.zeros(count, MESSAGE_HEAD)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths + _LENGTH_AFTER
         heads["channel"], heads["sequence"] = messages.channels, messages.sequences & 0xFFFFFFFF
         heads["log_time"], heads["publish_time"] = messages.log_times, messages.publish_times

@@ -15,11 +15,13 @@ from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema, Statistics
+from numpy.typing import NDArray
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_LIMIT = 256 * 2**20
@@ -38,6 +40,18 @@ NO_SCHEMA = 0
 LAST_OPCODE = int(Opcode.DATA_END)
 """Opcodes above it belong to later versions of the format (up to 0x7f) or to applications (from 0x80): readers pass over them."""
 BLOCK_SIZE = 64 * 1024
+BLOCK_RECORDS = 4096  # records whose heads are read at once
+MESSAGE_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+"""What the record of a message begins with."""
 RESYNC_RECORDS = 4  # consecutive valid records required to resynchronise, records of unknown opcodes not counted
 MAX_UNKNOWN_RECORDS = 16  # of unknown opcodes that are passed over among these
 
@@ -58,9 +72,9 @@ class ChunkHeader(NamedTuple):
     header_length: int  # bytes from the body's start to the data
 
 
-def walk(data: bytes, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, int, int]]:
+def walk(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Complete records in `data`: (opcode, body start, body end); ends before the first that is not complete."""
-    stop = len(data) if stop is None else stop
+    start, stop = 0, len(data)
     unpack = HEAD.unpack_from
     while start + 9 <= stop:
         opcode, length = unpack(data, start)
@@ -69,6 +83,40 @@ def walk(data: bytes, start: int = 0, stop: int | None = None) -> Iterator[tuple
         if start > stop:
             return
         yield opcode, body, start
+
+
+class Heads(NamedTuple):
+    """How k records begin."""
+
+    fields: NDArray[np.void]  # (k,) MESSAGE_HEAD; of other records than messages only the opcode is theirs
+    begin: NDArray[np.int64]  # (k,) of the bodies
+    end: NDArray[np.int64]  # (k,)
+
+    def taken(self, rows: NDArray[np.bool_]) -> Heads:
+        """Some of them."""
+        return Heads(self.fields[rows], self.begin[rows], self.end[rows])
+
+
+def heads_of_records(data: bytes, stop: int | None = None) -> Iterator[Heads]:
+    """The records that `walk` finds, before a byte `stop`, `BLOCK_RECORDS` at a time."""
+    at, stop, length_at = 0, len(data) if stop is None else stop, struct.Struct("<Q").unpack_from
+    size = MESSAGE_HEAD.itemsize
+    data = data if len(data) >= size else data.ljust(size)
+    at_every_byte = np.ndarray(len(data) - size + 1, MESSAGE_HEAD, data, strides=(1,))
+    while True:
+        starts = [at]
+        while len(starts) <= BLOCK_RECORDS and at + 9 <= stop:
+            at += 9 + length_at(data, at + 1)[0]
+            if at > stop:
+                break
+            starts.append(at)
+        if len(starts) == 1:
+            return
+        at = starts[-1]
+        edges = np.array(starts, np.int64)
+        fields = at_every_byte[np.minimum(edges[:-1], len(at_every_byte) - 1)]
+        fields["opcode"] = np.frombuffer(data, np.uint8)[edges[:-1]]  # also where no head of a message fits
+        yield Heads(fields, edges[:-1] + 9, edges[1:])
 
 
 def read_body(

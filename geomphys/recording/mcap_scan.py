@@ -11,6 +11,7 @@ import zlib
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple, cast
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema, Statistics
 
@@ -28,11 +29,11 @@ from geomphys.recording.mcap_records import (
     BadRecordError,
     ChunkHeader,
     find_record,
+    heads_of_records,
     is_intact_prefix,
     read_body,
     read_chunk_header,
     unpack_chunk,
-    walk,
 )
 
 MAX_TRUNCATION_CHECKS = 16
@@ -112,13 +113,10 @@ class _SpanContent:
         self.channels: set[int] = set()
         self.first, self.last = TIME_LIMIT, -1
 
-    def add(self, channel: int, log_time: int) -> None:
-        """Add a message."""
+    def add(self, channel: int, first: int, last: int) -> None:
+        """Add messages of a channel between two times."""
         self.channels.add(channel)
-        if log_time < self.first:
-            self.first = log_time
-        if log_time > self.last:
-            self.last = log_time
+        self.first, self.last = min(self.first, first), max(self.last, last)
 
     def summary(self) -> tuple[frozenset[int], int, int]:
         """The last fields of a `Span`."""
@@ -238,19 +236,16 @@ class _Scanner:
             self.close_run(at)
         if self.run_start < 0:
             self.run_start, self.seen = at, _SpanContent()
-        self.seen.add(channel, log_time)
-        self.count(channel, log_time)
+        self.seen.add(channel, log_time, log_time)
+        self.count(channel, 1, log_time, log_time)
 
-    def count(self, channel: int, log_time: int) -> None:
-        """Count one message."""
+    def count(self, channel: int, messages: int, first: int, last: int) -> None:
+        """Count messages of a channel between two times."""
         c = self.result.counts.get(channel)
         if c is None:
             c = self.result.counts[channel] = ChannelCount()
-        c.messages += 1
-        if log_time < c.first:
-            c.first = log_time
-        if log_time > c.last:
-            c.last = log_time
+        c.messages += messages
+        c.first, c.last = min(c.first, first), max(c.last, last)
 
     def close_run(self, at: int) -> None:
         """End the run of messages outside of chunks, if there is one, before `at`."""
@@ -284,27 +279,32 @@ class _Scanner:
         """
         seen = _SpanContent()
         usable = 0
-        unpack, message = MESSAGE.unpack_from, int(Opcode.MESSAGE)
-        for opcode, start, end in walk(data):
-            if opcode == message:
-                if end - start < MESSAGE.size:
-                    break
-                channel, _, log_time, _ = unpack(data, start)
-                if window is None and log_time > TIME_LIMIT:
-                    break
-                if window is None or window[0] <= log_time <= window[1] <= TIME_LIMIT:
-                    seen.add(channel, log_time)
-                    self.count(channel, log_time)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                try:
-                    self.definition(opcode, data[start:end])
-                except BadRecordError:
-                    break
-            elif opcode == 0:
+        for heads in heads_of_records(data):
+            opcodes, times, lengths = heads.fields["opcode"], heads.fields["log_time"], heads.end - heads.begin
+            is_message = opcodes == Opcode.MESSAGE
+            wrong = (opcodes == 0) | is_message & ((lengths < MESSAGE.size) | ((window is None) & (times > TIME_LIMIT)))
+            good = int(wrong.argmax()) if wrong.any() else len(wrong)
+            for row in np.flatnonzero(~is_message[:good]).tolist():
+                opcode = int(opcodes[row])
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    try:
+                        self.definition(opcode, data[heads.begin[row] : heads.end[row]])
+                    except BadRecordError:
+                        good = row
+                        break
+                elif opcode > LAST_OPCODE:
+                    self.pass_over(opcode)
+            if window is not None:
+                is_message &= (window[0] <= times) & (times <= window[1]) & (window[1] <= TIME_LIMIT)
+            channels, times = (column[:good][is_message[:good]] for column in (heads.fields["channel"], times))
+            for channel in dict.fromkeys(channels.tolist()):
+                own = times[channels == channel]
+                first, last = int(own.min()), int(own.max())
+                seen.add(channel, first, last)
+                self.count(channel, len(own), first, last)
+            usable = int(heads.end[good - 1]) if good else usable
+            if good < len(wrong):
                 break
-            elif opcode > LAST_OPCODE:
-                self.pass_over(opcode)
-            usable = end
         return usable, seen
 
     def add_chunk_loss(self, at: int, header: ChunkHeader, available: int, usable: int, damage: str) -> None:

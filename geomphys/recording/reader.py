@@ -29,9 +29,9 @@ from geomphys.recording.mcap_records import (
     MAGIC,
     MESSAGE,
     BadRecordError,
+    heads_of_records,
     read_chunk_header,
     unpack_chunk,
-    walk,
 )
 from geomphys.recording.mcap_scan import TIME_LIMIT, FileScan, Span, scan_file
 from geomphys.recording.mcap_summary import scan_summary
@@ -204,8 +204,7 @@ class LogReader:
         try:
             with self._opened(file) as stream:
                 stream.seek(span.offset)
-                messages = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected)
-                loaded = Messages.of((base | c, t, p, d, n) for c, t, p, d, n in messages)
+                loaded = (self._chunk_messages if span.chunk else self._run_messages)(stream, span, selected, base)
         except OSError as problem:
             raise LogError(f"{file}: cannot be read any more ({problem.strerror})") from problem
         except (BadRecordError, ValueError, OverflowError, struct.error) as problem:
@@ -229,8 +228,8 @@ class LogReader:
         yield self._streams[file]
 
     @staticmethod
-    def _chunk_messages(stream: BinaryIO, span: Span, selected: Set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages of a chunk; the stream is positioned at its record."""
+    def _chunk_messages(stream: BinaryIO, span: Span, selected: Set[int], base: int) -> Messages:
+        """Messages of a chunk; the stream is positioned at its record. `base` is what keys add to numbers of channels."""
         first_bytes = stream.read(min(span.length, 9 + CHUNK.size + 80))
         if len(first_bytes) < 9:
             raise BadRecordError("the file is shorter than it was")
@@ -246,20 +245,27 @@ class LogReader:
             raise BadRecordError(damage_text)
         if len(unpacked) < span.usable:
             raise BadRecordError("the chunk is not what it was")
-        message, unpack, window = int(Opcode.MESSAGE), MESSAGE.unpack_from, span.window
-        for opcode, begin, end in walk(unpacked, 0, span.usable):
-            if opcode != message:
-                continue
-            channel, sequence, log_time, publish_time = unpack(unpacked, begin)
-            if not span.verified and (end - begin < MESSAGE.size or log_time > TIME_LIMIT):
+        parts = [Messages.of([])]
+        for heads in heads_of_records(unpacked, span.usable):
+            heads = heads.taken(heads.fields["opcode"] == Opcode.MESSAGE)
+            times = heads.fields["log_time"]
+            if not span.verified and ((heads.end - heads.begin < MESSAGE.size) | (times > TIME_LIMIT)).any():
                 raise BadRecordError("holds a message that cannot be")
-            if channel in selected and (window is None or window[0] <= log_time <= window[1]):
-                yield channel, log_time, publish_time, unpacked[begin + 22 : end], sequence
+            requested = np.isin(heads.fields["channel"], [*selected])
+            if span.window is not None:
+                requested &= (span.window[0] <= times) & (times <= span.window[1])
+            fields, begin, end = heads.taken(requested)
+            keys, log_times = (fields[name].astype(np.int64) for name in ("channel", "log_time"))
+            publish_times, sequences = (fields[name].tolist() for name in ("publish_time", "sequence"))
+            of_data = zip((begin + MESSAGE.size).tolist(), end.tolist(), strict=True)
+            data = [unpacked[first:last] for first, last in of_data]
+            parts.append(Messages(base | keys, log_times, publish_times, data, sequences))
+        return Messages.joined(parts[1:] or parts)
 
     @staticmethod
-    def _run_messages(stream: BinaryIO, span: Span, selected: Set[int]) -> Iterator[tuple[int, int, int, bytes, int]]:
-        """Messages outside of chunks."""
-        read, seek = stream.read, stream.seek
+    def _run_messages(stream: BinaryIO, span: Span, selected: Set[int], base: int) -> Messages:
+        """Messages outside of chunks; see `_chunk_messages`."""
+        read, seek, found = stream.read, stream.seek, list[tuple[int, int, int, bytes, int]]()
         at, stop = span.offset, span.offset + span.length
         while at < stop:
             seek(at)
@@ -271,8 +277,9 @@ class LogReader:
             if not MESSAGE.size <= length <= CHUNK_LIMIT:
                 raise BadRecordError("the record is not what it was")
             if channel in selected:
-                yield channel, log_time, publish_time, read(length - MESSAGE.size), sequence
+                found.append((base | channel, log_time, publish_time, read(length - MESSAGE.size), sequence))
             at += 9 + length
+        return Messages.of(found)
 
     def _scan(self, file: AnyPath) -> FileScan:
         """Scan one file. Raises LogError if it is no MCAP at all."""
