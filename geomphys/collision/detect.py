@@ -147,9 +147,9 @@ def approximate_separation(
     Below 0 where they overlap, by how much is unknown.
     """
     key, slot = _slot_of(pieces, a, b, axes)
-    s, n, _, _ = separate(
-        shapes_of(pieces, frames), a, b, limit, _recall(axes, key, slot, frames, b), APPROXIMATE, scratch
-    )
+    direction = _recall(axes, key, slot, frames, b)
+    scratch.simplex.count = 0
+    s, n, _, _ = separate(shapes_of(pieces, frames), a, b, limit, direction, APPROXIMATE, scratch.simplex, scratch)
     _remember(axes, key, slot, frames, b, n)
     return s, n
 

@@ -12,10 +12,11 @@ import math
 
 import numpy as np
 
-from geomphys.collision.gjk import difference, set_corner
+from geomphys.collision.gjk import corner_of_simplex, difference, set_corner
 from geomphys.collision.scratch import MAX_CORNERS, MAX_FACES, Scratch
 from geomphys.collision.support import Core, is_curved
 from geomphys.jit.kernel import kernel, noinline
+from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import set_vec, vec_of
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, norm, perpendicular, scale, sub
 
@@ -95,13 +96,15 @@ def join(scratch: Scratch, f: int, i: int, g: int, j: int) -> None:
 
 
 @kernel
-def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, scratch: Scratch) -> bool:
-    """Complete the simplex of `count` points to a tetrahedron of M, the first four corners, positively oriented.
+def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, simplex: Record, scratch: Scratch) -> bool:
+    """Complete the simplex to a tetrahedron of M, the first four corners, positively oriented.
 
     Each new point is the farthest of six from the span of those there are. Returns False if M has no volume.
     """
+    count = simplex.count
     for i in range(4):
-        scratch.corners[i] = scratch.simplex[i]
+        w, p, _ = corner_of_simplex(simplex, i, rot, t)
+        set_corner(scratch.corners, i, w, p)
     while count < 4:
         o = vec_of(scratch.corners[0].difference)
         e = sub(vec_of(scratch.corners[1].difference), o)
@@ -121,7 +124,7 @@ def first_tetrahedron(a: Core, b: Core, rot: Rot, t: Vec, count: int, scratch: S
                 d = scale(n, sign)
             if dot(d, d) == 0.0:
                 return False
-            w, p = difference(a, b, rot, t, d)
+            w, p, _ = difference(a, b, rot, t, d)
             off = sub(w, o)
             side = off if count == 1 else cross(e, off)
             size = dot(side, side) if count < 3 else abs(dot(n, off))
@@ -248,9 +251,9 @@ def blend(scratch: Scratch, i: int, j: int, k: int, x: float, y: float, z: float
 
 @noinline
 def expand(
-    a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, count: int, scratch: Scratch
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, eps: float, simplex: Record, scratch: Scratch
 ) -> tuple[bool, float, Vec, Vec]:
-    """Penetration depth of the cores A and B in A's frame, from the simplex of `count` points that `closest` left.
+    """Penetration depth of the cores A and B in A's frame, from the simplex that `closest` left.
 
     `rot`, `t` are the pose of B, `size` the length of M's coordinates.
 
@@ -270,7 +273,7 @@ def expand(
     floor = size * (1e-11 if curved else 2e-15)
     relative, absolute = 1e-6, 1e-11 * size
     best, outward = np.inf, (0.0, 0.0, 1.0)
-    if not first_tetrahedron(a, b, rot, t, count, scratch):
+    if not first_tetrahedron(a, b, rot, t, simplex, scratch):
         return False, best, outward, vec_of(scratch.corners[0].on_a)
     waiting = 0
     for f in range(4):
@@ -300,7 +303,7 @@ def expand(
             continue
         low = scratch.faces[f].distance
         n = vec_of(scratch.faces[f].normal)
-        w, p = difference(a, b, rot, t, n)
+        w, p, _ = difference(a, b, rot, t, n)
         high = dot(n, w)
         known = False
         for k in range(3):

@@ -79,7 +79,7 @@ def try_direction(
         sign = 1.0 if side == 0 else -1.0
         if sign * level < max(best, 1e-12 * size) and sign * level > -1e-12 * size:
             d = scale(n, sign / length)
-            w, _ = difference(a, b, rot, t, d)
+            w, _, _ = difference(a, b, rot, t, d)
             extent = dot(d, w)
             if extent < best:
                 best, outward = extent, d
@@ -123,7 +123,7 @@ def exhaustive(a: Core, b: Core, rot: Rot, t: Vec, size: float, scratch: Scratch
 @kernel
 def deepest_point(a: Core, b: Core, rot: Rot, t: Vec, n: Vec, size: float, scratch: Scratch) -> Vec:
     """Point of A at the foot of the origin on M's face along n, from the corners of A and B that lie in it."""
-    w, _ = difference(a, b, rot, t, n)
+    w, _, _ = difference(a, b, rot, t, n)
     level, used = dot(n, w), 0
     ground = scale(n, level)
     for i in range(corners_of(a)):

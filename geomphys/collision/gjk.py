@@ -16,7 +16,8 @@ import numpy as np
 from geomphys.collision.scratch import Corners
 from geomphys.collision.support import Core, support
 from geomphys.jit.kernel import inlined, kernel
-from geomphys.numerics.row_vectors import set_vec
+from geomphys.jit.packed_records import Record
+from geomphys.numerics.row_vectors import set_vec, set_vec_at, vec_at
 from geomphys.numerics.vec3 import Rot, Vec, add_scaled, cross, dot, neg, rotate, rotate_back, scale, sub
 
 Weights: TypeAlias = tuple[float, float, float, float]
@@ -41,14 +42,14 @@ class Goal(NamedTuple):
 
 
 @inlined
-def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec) -> tuple[Vec, Vec]:
-    """Point of M = A − B farthest in direction `d`, and the point of A it comes from.
+def difference(a: Core, b: Core, rot: Rot, t: Vec, d: Vec) -> tuple[Vec, Vec, Vec]:
+    """Point of M = A − B farthest in direction `d`, and the points of A and B, each in its own frame, it comes from.
 
     A's frame; `rot`, `t` are the pose of B in it.
     """
     p = support(a, d)
     q = support(b, neg(rotate_back(rot, d)))
-    return sub(sub(p, t), rotate(rot, q)), p
+    return sub(sub(p, t), rotate(rot, q)), p, q
 
 
 @kernel
@@ -143,76 +144,91 @@ def set_corner(corners: Corners, i: int, w: Vec, p: Vec) -> None:
 
 
 @kernel
+def corner_of_simplex(simplex: Record, i: int, rot: Rot, t: Vec) -> tuple[Vec, Vec, Vec]:
+    """Corner i, a point of M, and the points of A and B it comes from; `rot`, `t` as in `difference`."""
+    p, q = vec_at(simplex.on_a, i), vec_at(simplex.on_b, i)
+    return sub(sub(p, t), rotate(rot, q)), p, q
+
+
+@kernel
+def _store(simplex: Record, i: int, p: Vec, q: Vec) -> None:
+    """Store the points of A and B that corner i of a simplex comes from."""
+    set_vec_at(simplex.on_a, i, p)
+    set_vec_at(simplex.on_b, i, q)
+
+
+@kernel
 def closest(
-    a: Core, b: Core, rot: Rot, t: Vec, size: float, goal: Goal, start: Vec, simplex: Corners
-) -> tuple[int, float, Vec, Vec, int]:
+    a: Core, b: Core, rot: Rot, t: Vec, size: float, goal: Goal, start: Vec, simplex: Record
+) -> tuple[int, float, Vec, Vec]:
     """Distance of the cores A and B in A's frame; `rot`, `t` are the pose of B, `size` the length of M's coordinates.
 
-    The descent starts towards `start`.
+    The descent starts from the corners of `simplex`, where the last one for this pair has ended, and stores those at its own end
+    there; without any it starts towards `start`.
 
     Returns
     -------
     state
-        SEPARATED; FAR: farther than the limit, what follows is a bound; OVERLAP: they touch or overlap.
+        SEPARATED; FAR: farther than the limit, what follows is a bound; OVERLAP: they touch or overlap, and the simplex holds the
+        origin.
     distance
         Largest known lower bound of the distance [m]: the extent of M along the normal.
     normal
         Unit, out of B into A.
     point
         Of A, closest to B.
-    count
-        Points of the simplex that holds the origin (OVERLAP); they are rows (point of M, point of A) of the array at
-        address `simplex`.
     """
     zero = (0.0, 0.0, 0.0)
     floor = ROUNDING * size
     w0, w1, w2, w3 = zero, zero, zero, zero
-    a0, a1, a2, a3 = zero, zero, zero, zero
     l0, l1, l2 = 1.0, 0.0, 0.0
     m0, m1, m2, m3 = 1.0, 0.0, 0.0, 0.0
-    count = 0
+    known, count = simplex.count, 0
     v = start
     vv = dot(v, v)
     gap = -np.inf
     normal = zero
     inside = False
-    for _ in range(ROUNDS):
-        length = math.sqrt(vv)
-        w, p = difference(a, b, rot, t, neg(v))
-        bound = dot(v, w) / length
-        if bound > gap:
-            gap = bound
-            normal = scale(v, 1.0 / length)
-            if gap > goal.limit + goal.radius:
-                return FAR, gap, normal, p, 0
-        if count > 0 and length - bound <= TIGHT * length + floor:
-            break
-        above = length - goal.radius
-        if count > 0 and goal.share < 1.0 and (above < 0.0 or length - bound <= (1.0 - goal.share) * above):
-            break
-        if count == 0:
-            w0, a0 = w, p
-            u, m0 = w, 1.0
-        elif count == 1:
-            if w == w0:
+    for k in range(ROUNDS):
+        is_known = k < known
+        if is_known:
+            w, p, q = corner_of_simplex(simplex, k, rot, t)
+        else:
+            length = math.sqrt(vv)
+            w, p, q = difference(a, b, rot, t, neg(v))
+            bound = dot(v, w) / length
+            if bound > gap:
+                gap = bound
+                normal = scale(v, 1.0 / length)
+                if gap > goal.limit + goal.radius:
+                    simplex.count = count
+                    return FAR, gap, normal, p
+            if count > 0 and length - bound <= TIGHT * length + floor:
                 break
-            w1, a1 = w, p
+            above = length - goal.radius
+            if count > 0 and goal.share < 1.0 and (above < 0.0 or length - bound <= (1.0 - goal.share) * above):
+                break
+        if (count > 0 and w == w0) or (count > 1 and w == w1) or (count > 2 and w == w2):
+            if is_known:
+                continue
+            break
+        _store(simplex, count, p, q)
+        if count == 0:
+            w0, u, m0 = w, w, 1.0
+        elif count == 1:
+            w1 = w
             m0, m1, u = on_segment(w0, w1)
         elif count == 2:
-            if w in (w0, w1):
-                break
-            w2, a2 = w, p
+            w2 = w
             m0, m1, m2, u = on_triangle(w0, w1, w2)
         else:
-            if w in (w0, w1, w2):
-                break
-            w3, a3 = w, p
+            w3 = w
             (m0, m1, m2, m3), u, inside = on_tetrahedron(w0, w1, w2, w3, size)
             if inside:
                 count = 4
                 break
         uu = dot(u, u)
-        if count > 0 and uu >= vv:
+        if count > 0 and uu >= vv and not is_known:
             break
         v, vv = u, uu
         l0, l1, l2 = m0, m1, m2
@@ -222,34 +238,37 @@ def closest(
             count = 1
         if last >= 1 and l1 > 0.0:
             if count == 0:
-                w0, a0, l0 = w1, a1, l1
+                w0, l0 = w1, l1
+                _store(simplex, 0, vec_at(simplex.on_a, 1), vec_at(simplex.on_b, 1))
             count += 1
         if last >= 2 and l2 > 0.0:
             if count == 0:
-                w0, a0, l0 = w2, a2, l2
+                w0, l0 = w2, l2
+                _store(simplex, 0, vec_at(simplex.on_a, 2), vec_at(simplex.on_b, 2))
             elif count == 1:
-                w1, a1, l1 = w2, a2, l2
+                w1, l1 = w2, l2
+                _store(simplex, 1, vec_at(simplex.on_a, 2), vec_at(simplex.on_b, 2))
             count += 1
         if last >= 3 and m3 > 0.0:
             if count == 0:
-                w0, a0, l0 = w3, a3, m3
+                w0, l0 = w3, m3
+                _store(simplex, 0, vec_at(simplex.on_a, 3), vec_at(simplex.on_b, 3))
             elif count == 1:
-                w1, a1, l1 = w3, a3, m3
+                w1, l1 = w3, m3
+                _store(simplex, 1, vec_at(simplex.on_a, 3), vec_at(simplex.on_b, 3))
             elif count == 2:
-                w2, a2, l2 = w3, a3, m3
+                w2, l2 = w3, m3
+                _store(simplex, 2, vec_at(simplex.on_a, 3), vec_at(simplex.on_b, 3))
             count += 1
         if vv <= floor * floor:
             inside = True
             break
+    simplex.count = count
     if inside or gap <= 0.0:
-        set_corner(simplex, 0, w0, a0)
-        set_corner(simplex, 1, w1, a1)
-        set_corner(simplex, 2, w2, a2)
-        set_corner(simplex, 3, w3, a3)
-        return OVERLAP, gap, normal, a0, count
-    point = scale(a0, l0)
+        return OVERLAP, gap, normal, vec_at(simplex.on_a, 0)
+    point = scale(vec_at(simplex.on_a, 0), l0)
     if count > 1:
-        point = add_scaled(point, a1, l1)
+        point = add_scaled(point, vec_at(simplex.on_a, 1), l1)
     if count > 2:
-        point = add_scaled(point, a2, l2)
-    return SEPARATED, gap, normal, point, count
+        point = add_scaled(point, vec_at(simplex.on_a, 2), l2)
+    return SEPARATED, gap, normal, point

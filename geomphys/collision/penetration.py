@@ -11,6 +11,7 @@ from geomphys.collision.gjk import OVERLAP, Goal, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
 from geomphys.collision.support import Core, Shapes, core_of, is_curved, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, noinline
+from geomphys.jit.packed_records import Record
 from geomphys.numerics.row_vectors import vec_at
 from geomphys.numerics.vec3 import (
     Rot,
@@ -55,29 +56,34 @@ def separation(pieces: Pieces, frames: Floats, a: int, b: int, limit: float, axi
     pa, pb
         Points on the surfaces of A and B, world frame, pa - pb = s n; undefined beyond `limit`.
     """
-    return separate(Shapes(pieces, frames), a, b, limit, axis, 1.0, scratch)
+    scratch.simplex.count = 0
+    return separate(Shapes(pieces, frames), a, b, limit, axis, 1.0, scratch.simplex, scratch)
 
 
 @noinline
-def separate(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Separation:
+def separate(
+    shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, simplex: Record, scratch: Scratch
+) -> Separation:
     """`separation`, or less: a `share` of a distance suffices, and anything below 0 for an overlap if that is less than 1.
 
     Calls `ordered` with the pieces in ascending order of their kinds.
     """
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_a > kind_b or (kind_a == kind_b and a > b):
-        s, n, pa = ordered(shapes, b, a, limit, neg(axis), share, scratch)
+        s, n, pa = ordered(shapes, b, a, limit, neg(axis), share, simplex, scratch)
         return s, neg(n), add_scaled(pa, n, -s), pa
-    s, n, pa = ordered(shapes, a, b, limit, axis, share, scratch)
+    s, n, pa = ordered(shapes, a, b, limit, axis, share, simplex, scratch)
     return s, n, pa, add_scaled(pa, n, -s)
 
 
 @kernel
-def ordered(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Answer:
+def ordered(
+    shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, simplex: Record, scratch: Scratch
+) -> Answer:
     """Separation, normal and point of A, by formula where there is one."""
     kind_a, kind_b = shapes.pieces.kind[a], shapes.pieces.kind[b]
     if kind_b > CYLINDER or (kind_a > SPHERE and kind_b > CAPSULE):
-        return general(shapes, a, b, limit, axis, share, scratch)
+        return general(shapes, a, b, limit, axis, share, simplex, scratch)
     pa, pb = position_of(shapes, a), position_of(shapes, b)
     r, h, _ = vec_at(shapes.pieces.size, a)
     size = vec_at(shapes.pieces.size, b)
@@ -114,7 +120,9 @@ def _between_boxes(a: Core, b: Core, rot: Rot, apart: Vec) -> Vec:
 
 
 @kernel
-def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, scratch: Scratch) -> Answer:
+def general(
+    shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, simplex: Record, scratch: Scratch
+) -> Answer:
     """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
@@ -125,7 +133,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
     t = rotate_back(world, sub(position_of(shapes, b), origin))
     is_known, d = dot(axis, axis) > 0.0, rotate_back(world, axis)
     if is_known and share == 1.0:
-        w, p = difference(core_a, core_b, rot, t, neg(d))
+        w, p, _ = difference(core_a, core_b, rot, t, neg(d))
         s = dot(w, d) - radius
         if s > limit:
             return s, axis, add(origin, rotate(world, p))
@@ -136,7 +144,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
     if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p, count = closest(core_a, core_b, rot, t, size, Goal(limit, radius, share), start, scratch.simplex)
+    state, s, n, p = closest(core_a, core_b, rot, t, size, Goal(limit, radius, share), start, simplex)
     if state == OVERLAP and share < 1.0:
         s = min(s, 0.0)
     elif state == OVERLAP:
@@ -144,7 +152,7 @@ def general(shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: floa
         for attempt in range(3):
             # faces that see a corner by less than rounding count as seen in one attempt and not in another
             eps = size * (1e-15 if attempt == 0 else (-1e-14 if attempt == 1 else 1e-12))
-            exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, count, scratch)
+            exact, depth, outward, p = expand(core_a, core_b, rot, t, size, eps, simplex, scratch)
             if exact:
                 break
         if not exact and not is_curved(core_a) and not is_curved(core_b):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import Floats, Ints
 
 MAX_CORNERS = 2048
@@ -17,6 +18,15 @@ MAX_POLYGON = 256
 
 CORNER = np.dtype([("difference", np.float64, 3), ("on_a", np.float64, 3)])
 """A point of the Minkowski difference, and the point of A it comes from [m]."""
+
+SIMPLEX = np.dtype(
+    [
+        ("count", np.int64),  # corners; 0: there is none
+        ("on_a", np.float64, (4, 3)),  # m, the points of A that they come from, in its frame
+        ("on_b", np.float64, (4, 3)),  # m, those of B, in its frame
+    ]
+)
+"""Where the descent for a pair has ended, in the order in which `penetration.separate` takes its pieces."""
 
 FACE = np.dtype(
     [
@@ -38,7 +48,7 @@ FaceRecords = NDArray[np.void]
 class Scratch(NamedTuple):
     """Workspace of `separation` and `manifold`, without state between two calls. One per thread."""
 
-    simplex: Corners  # (4,)
+    simplex: Record  # SIMPLEX, of a pair without one of its own
     corners: Corners  # (MAX_CORNERS,) of the polytope
     faces: FaceRecords  # (MAX_FACES,) of the polytope
     queue: Ints  # (MAX_FACES,) heap of faces, the nearest first
@@ -51,7 +61,7 @@ class Scratch(NamedTuple):
 def make_scratch() -> Scratch:
     """Workspace of `separation` and `manifold`."""
     return Scratch(
-        simplex=np.zeros(4, CORNER),
+        simplex=np.zeros((), SIMPLEX),
         corners=np.zeros(MAX_CORNERS, CORNER),
         faces=np.zeros(MAX_FACES, FACE),
         queue=np.zeros(MAX_FACES, np.int64),

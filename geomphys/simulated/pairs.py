@@ -72,6 +72,7 @@ def new_pair(sim: Simulation, k: int, i: int, j: int, a: int, b: int) -> None:
     p.piece[0], p.piece[1], p.body[0], p.body[1] = i, j, a, b
     p.point_count = p.encounters = p.resting = p.disabled = p.touching = 0
     set_vec(p.axis, (0.0, 0.0, 0.0))
+    p.simplex.count = 0
     p.distance = p.known_distance = p.travelled = p.due = 0.0
     p.measured_at, p.queue_index = -1.0, -1
     material_a, material_b = sim.bodies[a].material, sim.bodies[b].material

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from geomphys.collision.scratch import Scratch
+from geomphys.collision.scratch import SIMPLEX, Scratch
 from geomphys.jit.kernel import kernel
 from geomphys.jit.packed_records import Record
 from geomphys.scene.arrays import FIXED, SIMULATED, Floats, Ints, Materials, Pieces
@@ -168,6 +168,7 @@ PAIR = np.dtype(
         ("hits", INT),  # collisions at this moment
         ("disabled", INT),  # 1: b, of prescribed motion, presses a against something: no contact until the frame's end
         ("axis", FLOAT, 3),  # last separating direction
+        ("simplex", SIMPLEX),  # where the last search for its distance has ended
         ("distance", FLOAT),  # m: separation when last measured
         ("measured_at", FLOAT),  # s of the step: when that was, -1: not in this step
         ("known_distance", FLOAT),  # m: least separation when last measured at the present time of its bodies

@@ -58,7 +58,8 @@ def measure_pair_within(sim: Simulation, pair: int, t: float, far: float) -> tup
     """
     pose_pair(sim, pair, t)
     p = sim.pairs[pair]
-    found = separate(Shapes(sim.pieces, sim.frames), p.piece[0], p.piece[1], far, vec_of(p.axis), 1.0, sim.scratch)
+    shapes = Shapes(sim.pieces, sim.frames)
+    found = separate(shapes, p.piece[0], p.piece[1], far, vec_of(p.axis), 1.0, p.simplex, sim.scratch)
     set_vec(p.axis, found[1])
     p.distance = found[0]
     p.measured_at = t

@@ -24,10 +24,11 @@ def both_depths(pieces: Pieces, frames: Floats, scratch: Scratch) -> tuple[bool,
     rot = rot_transposed_mul(rotation_of(shapes, 0), rotation_of(shapes, 1))
     t = rotate_back(rotation_of(shapes, 0), sub(position_of(shapes, 1), position_of(shapes, 0)))
     size = pieces.reach[0] + pieces.reach[1] + norm(t)
-    state, _, _, _, count = closest(a, b, rot, t, size, Goal(np.inf, 0.0, 1.0), (0.1, 0.2, 0.3), scratch.simplex)
+    scratch.simplex.count = 0
+    state, _, _, _ = closest(a, b, rot, t, size, Goal(np.inf, 0.0, 1.0), (0.1, 0.2, 0.3), scratch.simplex)
     if state != OVERLAP:
         return False, 0.0, 0.0, 0.0
-    exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, count, scratch)
+    exact, grown, n, _ = expand(a, b, rot, t, size, 1e-15 * size, scratch.simplex, scratch)
     tried, m, _ = exhaustive(a, b, rot, t, size, scratch)
     return exact, grown, tried, n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
 

@@ -11,8 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from geomphys.collision.detect import APPROXIMATE
-from geomphys.collision.penetration import separate
+from geomphys.collision.penetration import Scratch, separate, separation
 from geomphys.collision.support import Shapes
+from geomphys.jit.kernel import kernel
+from geomphys.numerics.vec3 import Vec
+from geomphys.scene.arrays import Floats, Pieces
 from geomphys.scene.pieces import Box, Capsule, Cylinder, Hull, Shape, Sphere
 from tests.collision.engines import coal_place, coal_shape
 from tests.collision.pairs import SCRATCH, Array, Pair, check_certificate, pose
@@ -33,6 +36,13 @@ PRECISE = 2e-6  # of the size: what a pair with a cylinder may miss
 bounded = settings(max_examples=60, deadline=None, derandomize=True)
 
 
+@kernel
+def approximate(pieces: Pieces, frames: Floats, start: Vec, scratch: Scratch) -> float:
+    """A bound of the separation of the first two pieces, searched from a direction."""
+    scratch.simplex.count = 0
+    return separate(Shapes(pieces, frames), 0, 1, np.inf, start, APPROXIMATE, scratch.simplex, scratch)[0]
+
+
 axis = st.one_of(st.just(np.zeros(3)), st.tuples(unit, unit, unit).map(np.array))
 
 
@@ -44,10 +54,35 @@ def test_an_approximate_separation_is_a_bound_with_the_right_sign(
     """Whatever direction it is started at."""
     pair, length = Pair(a, at_a, b, at_b), float(np.linalg.norm(start))
     exact, n = pair.answer().s, start / length if length > 0.1 else np.zeros(3)
-    s, *_ = separate(Shapes(pair.packed, pair.frames), 0, 1, np.inf, tuple(n.tolist()), APPROXIMATE, SCRATCH)
+    s = approximate(pair.packed, pair.frames, tuple(n.tolist()), SCRATCH)
     slack = PRECISE * pair.size
     assert s <= exact + slack if exact >= 0.0 else s <= slack
     assert s >= APPROXIMATE * exact - slack or exact < 0.0
+
+
+@kernel
+def twice(
+    pieces: Pieces, frames: Floats, later: Floats, scratch: Scratch
+) -> tuple[tuple[float, Vec, Vec, Vec], tuple[float, Vec, Vec, Vec]]:
+    """Separation of two pieces at `later`, from the simplex that their search at `frames` has left, and without one."""
+    scratch.simplex.count = 0
+    separate(Shapes(pieces, frames), 0, 1, np.inf, (0.0, 0.0, 0.0), 1.0, scratch.simplex, scratch)
+    found = separate(Shapes(pieces, later), 0, 1, np.inf, (0.0, 0.0, 0.0), 1.0, scratch.simplex, scratch)
+    return found, separation(pieces, later, 0, 1, np.inf, (0.0, 0.0, 0.0), scratch)
+
+
+@bounded
+@given(shape, place, shape, place, st.sampled_from([0.0, 1e-4, 1e-2, 1.0]), place)
+def test_a_search_from_the_last_simplex_finds_the_same(
+    a: Shape, at_a: Array, b: Shape, at_b: Array, far: float, other: Array
+) -> None:
+    """However far the pieces have moved since."""
+    turned = Rotation.from_rotvec(far * Rotation.from_matrix(other[:3, :3]).as_rotvec())
+    later = Pair(a, at_a, b, at_b @ pose(tuple(far * other[:3, 3]), turned))
+    pair = Pair(a, at_a, b, at_b)
+    (s, n, pa, pb), (cold, *_) = twice(pair.packed, pair.frames, later.frames, SCRATCH)
+    assert s == pytest.approx(cold, abs=PRECISE * later.size)
+    assert np.allclose(np.array(pa) - pb, s * np.array(n), atol=1e-12 + PRECISE * later.size)
 
 
 def moved(by: Array, at: Array) -> Array:

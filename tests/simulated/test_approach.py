@@ -29,7 +29,7 @@ def least_separation(player: Player, end: np.ndarray) -> float:
         poses[1, :3] = player.poses[1, :3] + share * (end[1, :3] - player.poses[1, :3])
         poses[1, 3:] = (Rotation.from_rotvec(share * turn) * start[1]).as_quat()
         pose_pieces(player.scene.pieces, poses, player.frames)
-        apart, normal, _, _ = separation(player.scene.pieces, player.frames, 0, 1, 1.0, normal, player.scratch)
+        apart, normal, _, _ = separation(player.packed.pieces, player.frames, 0, 1, 1.0, normal, player.packed.scratch)
         least = min(least, apart)
     return least
 
@@ -56,7 +56,7 @@ def test_what_meets_in_a_frame_is_found_and_nothing_else(seed: int) -> None:
         end[1, 3:] = (Rotation.from_rotvec(0.8 * rng.normal(size=3)) * turn).as_quat()
         least = least_separation(player, end)
         pose_pieces(player.scene.pieces, player.poses, player.frames)
-        if separation(player.scene.pieces, player.frames, 0, 1, 1.0, (0.0, 0.0, 0.0), player.scratch)[0] < 1e-3:
+        if separation(player.packed.pieces, player.frames, 0, 1, 1.0, (0.0, 0.0, 0.0), player.packed.scratch)[0] < 1e-3:
             continue
         player.targets[1] = lambda _, end=end: end[1]
         player.step(DT)
