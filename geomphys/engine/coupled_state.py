@@ -29,6 +29,7 @@ MAX_INEQUALITIES = 1 << 11
 MAX_ROWS = 128  # velocities that contacts change: a group with more is solved by sweeps
 MAX_CONSTRAINTS = 512
 MAX_TERMS = 1 << 13
+MAX_INDEXED = 64  # constraints in the Delassus matrix
 PADDING = 8  # unused end of each column of the matrix: columns then do not share few sets of the processor's cache
 
 UNKNOWN = np.dtype(
@@ -132,6 +133,9 @@ CONSTRAINT = np.dtype(
         ("sliding", INT),  # 1: friction is at its bound
         ("part", FLOAT),  # of friction that is within the bound
         ("direction", FLOAT, 2),  # of friction, if sliding
+        ("yielding", FLOAT, 9),  # kg or kg m²: B of the last Newton step, change of minus its impulses by its velocity
+        ("index", INT),  # in the Delassus matrix; -1: none
+        ("summed", INT),  # 1: it is in the sum `sticking`
     ]
 )
 """A contact, or an inequality as a contact without friction."""
@@ -142,6 +146,9 @@ SOLVE = np.dtype(
         ("blocks", INT),
         ("terms", INT),
         ("constraints", INT),
+        ("indexed", INT),  # constraints in the Delassus matrix
+        ("pressed", INT),  # constraints that were pressed at the last Newton step
+        ("reduced", INT),  # 1: the matrix is that of their velocities
         ("effects", INT),
         ("inequalities", INT),
         ("lost", INT),  # effects and inequalities beyond the capacity of their table, which are left out
@@ -167,7 +174,13 @@ class Coupled(NamedTuple):
     terms: Records  # TERM
     constraints: Records  # CONSTRAINT
     matrix: Floats  # (R, R + PADDING) of a Newton step: each row is a column of it
-    step: Floats  # (R,) its right side, then its solution
+    sticking: Floats  # (R, R + PADDING) sum of Jᵀ m J of the constraints that stick
+    delassus: Floats  # (3 D, 3 D) W = J M⁻¹ Jᵀ of the constraints that have an index
+    indexed: Ints  # (D,) their numbers
+    pressed: Ints  # (C,) numbers of the pressed constraints
+    responses: Floats  # (3, R) velocities by unit impulses along the axes of a constraint
+    relative: Floats  # (R,) velocities of the pressed constraints, three each, by the Newton step
+    step: Floats  # (R,) the Newton step
     factors: Floats  # (R,) workspace of its elimination
     body_rows: Ints  # (B,) first row of each body; -1: none
     begin: Posture  # the recording at the start of the substep
@@ -196,11 +209,13 @@ def make_coupled(scene: Scene, poses: Floats, links: Links) -> Coupled:
     records = np.zeros(trees, TREE)
     records["rotation_offset"][:, 3] = 1.0
     some = 1 if any_simulated else 0
-    rows = some * MAX_ROWS
+    rows, indexed = some * MAX_ROWS, some * MAX_INDEXED
     return Coupled(
         unknowns, records, np.zeros((), SOLVE), np.zeros(MAX_EFFECTS if any_simulated else 1, EFFECT),
         np.zeros(MAX_INEQUALITIES if any_simulated else 1, INEQUALITY), np.zeros(rows, ROW), np.zeros(rows // 6, BLOCK),
         np.zeros(some * MAX_TERMS, TERM), np.zeros(some * MAX_CONSTRAINTS, CONSTRAINT), np.zeros((rows, rows + PADDING)),
+        np.zeros((rows, rows + PADDING)), np.zeros((3 * indexed, 3 * indexed)), np.zeros(indexed, np.int64),
+        np.zeros(some * MAX_CONSTRAINTS, np.int64), np.zeros((3, rows)), np.zeros(rows),
         np.zeros(rows), np.zeros(rows), np.zeros(len(scene.bodies.role), np.int64), make_posture(scene, poses),
         make_posture(scene, poses), make_posture(scene, poses),
     )  # fmt: skip

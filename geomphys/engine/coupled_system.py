@@ -26,7 +26,7 @@ def clear_rows(sim: Simulation, c: Coupled) -> None:
         c.unknowns[c.effects[e].unknown].row = -1
     for k in range(sim.counts.contacts):
         c.body_rows[sim.contacts[k].a] = c.body_rows[sim.contacts[k].b] = -1
-    c.solve.rows = c.solve.blocks = c.solve.terms = c.solve.constraints = 0
+    c.solve.rows = c.solve.blocks = c.solve.terms = c.solve.constraints = c.solve.indexed = 0
 
 
 @kernel
@@ -92,6 +92,9 @@ def add_rows(sim: Simulation, c: Coupled) -> bool:
         if sim.contacts[k].included == 1:
             add_rows_of_body(sim, c, sim.contacts[k].a)
             add_rows_of_body(sim, c, sim.contacts[k].b)
+    for i in range(c.solve.rows):
+        for j in range(c.solve.rows):
+            c.sticking[i, j] = 0.0
     return bool(c.solve.rows + 6 <= len(c.rows))
 
 
@@ -136,7 +139,7 @@ def add_constraint(c: Coupled, number: int, effects: int) -> bool:
         return False
     r = c.constraints[solve.constraints]
     solve.constraints += 1
-    r.number = number
+    r.number, r.index, r.summed = number, -1, 0
     r.first_term = solve.terms
     return True
 

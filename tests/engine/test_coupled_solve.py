@@ -10,7 +10,7 @@ import pytest
 from geomphys.engine.coupled_contacts import add_effect, add_inequality
 from geomphys.engine.coupled_impulses import set_inequality_response
 from geomphys.engine.coupled_motion import solve_step
-from geomphys.engine.coupled_newton import natural_residual, proximal_step
+from geomphys.engine.coupled_newton import natural_residual, newton_step, proximal_step, set_residual
 from geomphys.engine.coupled_solve import (
     CREEPS,
     IMPACT_PRECISION,
@@ -199,9 +199,9 @@ def random_contacts(data: ReplayData, seed: int) -> Any:
     """Three contacts, with a friction of 1, of six velocities of unit masses, in random directions: the packed tables."""
     c, random = data.coupled, np.random.default_rng(seed)
     jacobian, off_target = random.normal(size=(3, 3, 6)), random.normal(size=(3, 3))
-    c.solve["rows"], c.solve["terms"], c.solve["constraints"] = 6, 18, 3
-    c.rows[:6], c.constraints[:3] = np.zeros(6, ROW), np.zeros(3, CONSTRAINT)
-    c.rows["mass"][:6] = 1.0
+    c.solve["rows"], c.solve["terms"], c.solve["constraints"], c.solve["indexed"] = 6, 18, 3, 0
+    c.rows[:6], c.constraints[:3], c.sticking[:] = np.zeros(6, ROW), np.zeros(3, CONSTRAINT), 0.0
+    c.rows["mass"][:6], c.constraints["index"][:3] = 1.0, -1
     for i, r in enumerate(c.constraints[:3]):
         terms, (n, t, b) = slice(6 * i, 6 * i + 6), jacobian[i]
         c.terms["row"][terms], c.terms["jacobian"][terms] = np.arange(6), jacobian[i].T
@@ -230,3 +230,33 @@ def test_contacts_yield_more_where_newtons_method_fails_and_steps_go_on_while_th
     assert residual > CREEPS
     assert all_solved == solved
     assert make_proximal_steps(random_contacts(data, seed), PROXIMAL_STEPS, PRECISION) <= CREEPS
+
+
+def impulse_of(r: Any, g: np.ndarray, s: float) -> np.ndarray:
+    """P(-s m g): normal impulse >= 0, friction in a disc of that radius."""
+    n, t = max(0.0, -s * r["mass_n"] * g[0]), -s * r["mass_t"] * g[1:]
+    return np.array([n, *(t * min(1.0, n / np.linalg.norm(t)))])
+
+
+@pytest.mark.parametrize(("pressed", "reduced"), [(1, 1), (2, 0), (3, 0)])
+@pytest.mark.parametrize("seed", range(4))
+def test_newton_steps_solve_the_linearised_equation_of_rows_or_of_the_pressed_contacts(
+    data: ReplayData, seed: int, pressed: int, reduced: int
+) -> None:
+    """(M + Jᵀ B J) x = -r, with B by differences of the impulses; in the second step some contacts slide that stuck, or stick."""
+    tables, c, s, random = random_contacts(data, seed), data.coupled, 30.0, np.random.default_rng(seed)
+    c.rows["mass"][:6] = mass = random.uniform(0.5, 2.0, 6)
+    normal = c.constraints["off_target"][:3, 0]
+    c.constraints["off_target"][:3, 0] = np.where(np.arange(3) < pressed, -3.0, 3.0) * np.abs(normal)
+    jacobian = c.terms["jacobian"][:18].reshape(3, 6, 3).transpose(0, 2, 1)
+    for change in (random.normal(size=6) * 1e-3, random.normal(size=6) * 0.1):
+        c.rows["change"][:6] = change
+        size = set_residual(tables, s)
+        matrix, residual = np.diag(mass), c.rows["residual"][:6].copy()
+        for r, j in zip(c.constraints[:3], jacobian, strict=True):
+            g, d = r["off_target"] + j @ change, 1e-7 * np.eye(3)
+            by = [(impulse_of(r, g - e, s) - impulse_of(r, g + e, s)) / 2e-7 for e in d]
+            matrix += j.T @ np.transpose(by) @ j
+        newton_step(tables, s, size)
+        assert c.solve["reduced"] == reduced
+        assert matrix @ c.step[:6] == pytest.approx(-residual, rel=1e-6, abs=1e-6 * np.abs(residual).max())
