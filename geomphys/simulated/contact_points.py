@@ -9,7 +9,7 @@ import math
 
 from geomphys.collision.manifold import manifold
 from geomphys.collision.support import Shapes
-from geomphys.jit.kernel import kernel, noinline
+from geomphys.jit.kernel import inlined, kernel, noinline
 from geomphys.jit.record_copy import copy_record
 from geomphys.numerics.row_vectors import (
     add_vec,
@@ -262,7 +262,7 @@ def normal_speed(velocity: Floats, r: Contact, a: int, b: int) -> float:
     return dot(vec_of(r.normal), speed_at(velocity, r, a, b))
 
 
-@kernel
+@inlined
 def apply_impulses(sim: Simulation, r: Contact, j: Vec) -> None:
     """Apply the impulses +j to a and -j to b [N s] along normal, tangent and binormal of contact `r` to `velocity`.
 

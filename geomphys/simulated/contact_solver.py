@@ -69,8 +69,9 @@ def extrapolated_impulse(r: Contact, momentum: float) -> Vec:
     j = local_impulse(r)
     n, t, b = add_scaled(j, sub(j, vec_of(r.previous_impulse)), momentum)
     n = min(r.impulse_limit, max(0.0, n))
-    size, cap = math.sqrt(t * t + b * b), r.friction * n
-    if size > cap:
+    square, cap = t * t + b * b, r.friction * n
+    if square > cap * cap:
+        size = math.sqrt(square)
         t, b = t * cap / size, b * cap / size
     set_vec(r.previous_impulse, j)
     set_vec(r.extrapolated, (n, t, b))
@@ -123,7 +124,7 @@ def update_contact(sim: Simulation, k: int) -> float:
     r = sim.contacts[k]
     v = speed_at(sim.velocity, r, r.a, r.b)
     n, x, y = local_impulse(r)
-    after = n + (r.target_speed - dot(vec_of(r.normal), v)) / r.inverse_mass_n
+    after = n + (r.target_speed - dot(vec_of(r.normal), v)) * r.mass_n
     after = min(r.impulse_limit, max(0.0, after))
     p, dx, dy = after - n, 0.0, 0.0
     cap = r.friction * after
@@ -194,7 +195,7 @@ def begin_group(sim: Simulation, first: int, end: int) -> float:
     fastest = 0.0
     for i in range(first, end):
         r = sim.contacts[sim.order[i]]
-        r.visit = 0
+        r.visit, r.mass_n = 0, 1.0 / r.inverse_mass_n
         sim.bodies[r.a].disturbed = sim.bodies[r.b].disturbed = 0
         fastest = max(fastest, r.speed)
     return fastest

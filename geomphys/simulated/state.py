@@ -142,6 +142,7 @@ CONTACT = np.dtype(
             FLOAT,
         ),  # N s: largest normal impulse; finite only if b has prescribed motion and may press a against something
         ("mass_t", FLOAT, 3),  # kg: inverse of the matrix `inverse_mass_t`
+        ("mass_n", FLOAT),  # kg: inverse of `inverse_mass_n`, while contacts are solved
         ("inverse_mass_most", FLOAT),  # 1/kg: the larger of its eigenvalues
         # in the coupled solve with driven bodies
         ("point", FLOAT, 3),  # m, world
