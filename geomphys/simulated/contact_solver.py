@@ -25,6 +25,7 @@ COARSE = 300.0  # times `STILL_PART`: the precision of later sweeps over them
 STACK_SWEEPS = 100  # sweeps at most over them; over a heap only while it moves, as it takes more to settle
 HEAP = 24  # contacts: groups with more
 MOVING = 0.02  # m/s: a heap moves if one of its points is faster
+HEAP_VISITS = 200_000  # visits at most to the contacts of a larger heap, but for those of `STACK_SWEEPS`
 HEAP_SLOWEST = 0.5  # of the slowest motion that is solved: later sweeps over a heap are no more precise
 HEAP_STILL = 1e-6  # m/s: nor than this; at more than these 4 nm a step it sinks before it sleeps, and is lifted again
 PLAIN = 4  # first sweeps, an even number, without extrapolation
@@ -267,4 +268,5 @@ def solve_contacts(sim: Simulation, sweeps: int, slowest: float, normals_first: 
             later = max(later, HEAP_SLOWEST * slowest, HEAP_STILL)
         if STACK < count <= HEAP or (count > HEAP and fastest > MOVING):
             bound = min(sweeps, STACK_SWEEPS)
+        bound = min(bound, max(STACK_SWEEPS, HEAP_VISITS // count))
         solve_group(sim, first, end, bound, precision, later)

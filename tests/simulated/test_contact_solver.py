@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from geomphys.scene.arrays import SIMULATED
 from geomphys.scene.pieces import Box, Sphere
 from geomphys.simulated.contact_solver import (
+    HEAP_VISITS,
     add_reversal,
     begin_contact,
     disturb,
@@ -115,6 +116,18 @@ def test_momentum_of_bodies_that_press_each_other_is_kept() -> None:
     stage.call(solve_contacts, 400, 0.0, False)
     assert stage.contacts["normal_impulse"].sum() > 0.1
     assert stage.motion["mass"] @ velocity[:, :3] == pytest.approx(before, abs=1e-12)
+
+
+def test_visits_to_the_contacts_of_a_large_heap_are_bounded() -> None:
+    """Fifty cubes face to face, too slow to be left after `STACK_SWEEPS`."""
+    cubes = [Thing(shape=CUBE, at=(0.1 * (k % 5), 0.1 * (k // 5 % 5), 0.05 + 0.1 * (k // 25))) for k in range(50)]
+    stage = Stage(Player([*cubes, floor()]))
+    stage.call(load_velocities)
+    stage.player.simulation.velocity[:50] = 0.1 * np.random.default_rng(0).normal(size=(50, 6))
+    stage.contacts["mode"], stage.contacts["speed"], stage.contacts["target_speed"] = 1, 0.01, 0.0
+    stage.call(solve_contacts, 400, 0.0, False)
+    assert HEAP_VISITS / 400 < len(stage.contacts) < HEAP_VISITS / 100
+    assert 0.9 * HEAP_VISITS < stage.contacts["visit"].max() <= HEAP_VISITS
 
 
 def test_slow_groups_are_left_out() -> None:
