@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from geomphys.collision.detect import approximate_separation, measure_near
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import FREE, judge_anew
@@ -32,28 +33,44 @@ def _direction(number: int) -> Vec:
 
 
 @kernel
-def _separation_from_others(scene: Scene, ws: DrivenWorkspace, gap: float) -> float:
-    """The least separation [m], up to the gap, of the tree being solved from others; those within it do not change."""
-    measure_near_pairs(scene, ws, gap, gap)
-    near, least = ws.near, math.inf
+def _overlap(scene: Scene, ws: DrivenWorkspace, a: int, b: int, gap: float) -> bool:
+    """Whether two pieces overlap; by how much is not measured."""
+    p, d = ws.piece_frames, ws.detection
+    return approximate_separation(scene.pieces, p.frames, a, b, gap, d.axes, d.scratch)[0] < 0.0
+
+
+@noinline
+def _is_clear(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
+    """Whether the posed tree being solved is clear of others by the gap; its links do not move against each other."""
+    p, d, near, counts = ws.piece_frames, ws.detection, ws.near, ws.work.counts
+    measure_near_pairs(scene, ws, gap, -math.inf)
     for k in range(near.counts.filled):
-        if near.tree_a[k] != near.tree_b[k] and is_unlocked_pair(ws, k):
-            least = min(least, near.separation[k])
-    return least
+        if near.tree_a[k] == near.tree_b[k] or not is_unlocked_pair(ws, k):
+            continue
+        if (
+            _overlap(scene, ws, near.a[k], near.b[k], gap)
+            or measure_near(scene.pieces, p.frames, k, gap, near, d.axes, d.scratch) < gap
+        ):
+            counts.blocking_a, counts.blocking_b = near.a[k], near.b[k]
+            return False
+    return True
 
 
-@kernel
+@noinline
 def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
-    """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start."""
-    work = ws.work
+    """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start.
+
+    The pieces that were last found not to be clear are tried first.
+    """
+    work, counts = ws.work, ws.work.counts
     for k in range(7):
         work.start.roots[tree, k] = work.iterate.roots[tree, k] + (path[k] if k < 3 else 0.0)
     for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
         work.start.angles[q] = work.iterate.angles[q]
     pose_with_pieces(scene, ws, work.start, tree)
-    if _separation_from_others(scene, ws, gap) < gap:
+    if counts.blocking_a >= 0 and _overlap(scene, ws, counts.blocking_a, counts.blocking_b, gap):
         return False
-    return not certified or judge_anew(scene, ws, work.start) == FREE
+    return _is_clear(scene, ws, gap) and (not certified or judge_anew(scene, ws, work.start) == FREE)
 
 
 @noinline
@@ -98,7 +115,8 @@ def find_depenetration(scene: Scene, ws: DrivenWorkspace, gap: float, certified:
             continue
         for other in range(len(work.mobility)):
             work.mobility[other] = work.cached_mobility[other] if other == tree else LOCKED
-        if measure_near_pairs(scene, ws, gap, gap) < 0.0:
+        work.counts.blocking_a = -1
+        if not _is_clear(scene, ws, gap):
             free = _free_tree(scene, ws, tree, gap, certified) and free
     for tree in range(len(work.mobility)):
         work.mobility[tree] = work.cached_mobility[tree]

@@ -52,6 +52,8 @@ SEARCH_COUNTS = np.dtype(
         ("next_spot", np.int64),  # row of `spots` to fill next
         ("overlap_a", np.int64),  # pieces of the pair that overlapped most at the goals when some were last not free
         ("overlap_b", np.int64),
+        ("blocking_a", np.int64),  # pieces by which a position of a depenetration search was last not clear; -1: none
+        ("blocking_b", np.int64),
     ]
 )
 """Counts of the tables of a search."""
