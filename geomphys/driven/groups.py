@@ -238,8 +238,8 @@ def _in_parts(
 
 
 @noinline
-def _find_free_position(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
-    """Depenetration of the group: to a position that can be reached; past what closes on it if none can."""
+def find_free_position(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
+    """Depenetration of the trees being solved: to positions that can be reached; past what closes on them if none can."""
     for certified in (True, False):
         copy_unlocked(scene, ws, ws.work.before, ws.work.iterate)
         pose_unlocked(scene, ws, ws.work.iterate)
@@ -277,7 +277,7 @@ def solve_group(
         converged = free
         if not free:
             fallbacks += 1
-            if _find_free_position(scene, ws, gap):
+            if find_free_position(scene, ws, gap):
                 copy_unlocked(scene, ws, work.best, work.iterate)
                 pose_unlocked(scene, ws, work.iterate)
                 for tree in range(len(work.mobility)):
@@ -313,9 +313,38 @@ def _set_joints_to_zero(scene: Scene, ws: DrivenWorkspace, source: Posture, targ
 
 
 @noinline
+def _search_outside(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float, joints_at_zero: bool) -> Found:
+    """Search of the first frame from outside of everything: trees whose links do not overlap each other are translated there.
+
+    The links are first parted by a search among themselves, or stand with their `joints_at_zero`.
+    """
+    work, parted = ws.work, Found(True, 0, True, False)
+    copy_unlocked(scene, ws, work.goal, work.iterate)
+    if joints_at_zero:
+        _set_joints_to_zero(scene, ws, work.goal, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
+    else:
+        pose_unlocked(scene, ws, work.iterate)
+        for tree in range(len(work.mobility)):
+            work.ignored[tree] = int(work.mobility[tree] == LOCKED)
+        parted = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, ANY_PATH)
+        for tree in range(len(work.mobility)):
+            work.ignored[tree] = 0
+        copy_unlocked(scene, ws, work.best, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
+    if not parted.free or not find_depenetration(scene, ws, gap, False):
+        copy_unlocked(scene, ws, work.iterate, work.best)
+        return Found(False, parted.iterations, False, False)
+    copy_unlocked(scene, ws, work.best, work.iterate)
+    pose_unlocked(scene, ws, work.iterate)
+    found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, ANY_PATH)
+    return Found(found.free, parted.iterations + found.iterations, found.converged, found.rate_limited)
+
+
+@noinline
 def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: Floats, gap: float) -> Outcome:
     """The first frame: without earlier motion any free posture near the recorded one is valid."""
-    work, iterations, fallbacks, converged = ws.work, 0, 0, True
+    work, iterations, fallbacks = ws.work, 0, 0
     for tree in range(len(work.mobility)):
         work.deviation_limit[tree] = math.inf
     measure_swept_pairs(scene, ws, work.goal)
@@ -345,26 +374,13 @@ def solve_first(scene: Scene, state: DrivenState, ws: DrivenWorkspace, angles: F
         iterations += found.iterations
         if not translated:
             break
-    converged = found.free
-    if not found.free:
-        fallbacks = 1
-        _set_joints_to_zero(scene, ws, work.goal, work.iterate)
-        pose_unlocked(scene, ws, work.iterate)
-        found = search(scene, ws, angles, gap, FIRST_ITERATIONS, False, ANY_PATH)
-        iterations, converged = iterations + found.iterations, found.free
-    if not found.free:
-        copy_unlocked(scene, ws, work.goal, work.iterate)
-        pose_unlocked(scene, ws, work.iterate)
-        converged = find_depenetration(scene, ws, gap, False)
-        if converged:
-            copy_unlocked(scene, ws, work.best, work.iterate)
-            pose_unlocked(scene, ws, work.iterate)
-            found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
-            iterations, converged = iterations + found.iterations, found.free
-        else:
-            copy_unlocked(scene, ws, work.iterate, work.best)
+    for joints_at_zero in (False, True):
+        if not found.free:
+            fallbacks = 1
+            found = _search_outside(scene, ws, angles, gap, joints_at_zero)
+            iterations += found.iterations
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:
             set_final_posture(scene, state, ws, tree, work.best)
             store_method(state, tree, fallbacks)
-    return Outcome(iterations, fallbacks, converged, False)
+    return Outcome(iterations, fallbacks, found.free, False)

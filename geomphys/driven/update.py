@@ -24,6 +24,7 @@ from geomphys.driven.groups import (
     MAX_ITERATIONS,
     Outcome,
     combine,
+    find_free_position,
     keep_posed,
     pose_surroundings,
     set_final_posture,
@@ -33,7 +34,7 @@ from geomphys.driven.groups import (
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
-from geomphys.driven.sqp import ANY_PATH, search
+from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, search
 from geomphys.driven.state import (
     GENERAL_MOTION,
     LOCKED,
@@ -45,7 +46,7 @@ from geomphys.driven.state import (
     DrivenState,
     DrivenWorkspace,
 )
-from geomphys.driven.stepping import measure_near_pairs
+from geomphys.driven.stepping import copy_unlocked, measure_near_pairs, pose_unlocked
 from geomphys.driven.targets import clear_offsets, find_recorded_motion, set_link_targets, store_offsets
 from geomphys.driven.tremor import filter_tremor
 from geomphys.jit.kernel import kernel, noinline
@@ -242,7 +243,7 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
 
     `recorded` (B, 7): present poses of bodies that are not driven, recorded poses of those that are.
     """
-    work, iterations = ws.work, 0
+    work, iterations, free = ws.work, 0, True
     pose_surroundings(scene, state, ws, recorded, 1.0)
     for mobility in (TRANSLATION, GENERAL_MOTION):  # a grip from several sides has to open its joints
         for tree in range(len(work.mobility)):
@@ -250,12 +251,19 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
         if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
             break
         found = search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, ANY_PATH)
-        iterations += found.iterations
+        iterations, free = iterations + found.iterations, found.free
         for tree in range(len(work.mobility)):
             if work.mobility[tree] != LOCKED:
-                set_final_posture(scene, state, ws, tree, work.best if found.free else state.last)
-        if found.free:
+                set_final_posture(scene, state, ws, tree, work.best if free else state.last)
+        if free:
             break
+    if not free and find_free_position(scene, ws, gap):
+        copy_unlocked(scene, ws, work.best, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
+        iterations += search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, EVERY_STEP).iterations
+        for tree in range(len(work.mobility)):
+            if work.mobility[tree] != LOCKED:
+                set_final_posture(scene, state, ws, tree, work.best)
     _finish(scene, state, ws)
     for tree in range(len(work.mobility)):
         if scene.trees.role[tree] == DRIVEN:

@@ -19,21 +19,25 @@ BLOCK = '<geometry><box size="0.02 0.02 0.02"/></geometry>'
 SLIDE = '<axis xyz="0 -1 0"/><limit lower="{}" upper="0.02" effort="1" velocity="1"/>'
 
 
+def blocks(low: float) -> list[str]:
+    """Two blocks on the palm that are 1 cm apart, less what the joint of one moves it towards the other, `low` [m] at least."""
+    return [
+        *(link(name, BLOCK) for name in ("block", "slider3")),
+        joint("stuck", "palm", "block", "fixed", xyz="0.1 0 0"),
+        joint("slide", "palm", "slider3", "prismatic", SLIDE.format(low), "0.1 0.03 0"),
+    ]
+
+
 def squeezed(folder: Path, apart: float) -> Run:
     """A finger round a bar longer than any way aside, which presses the palm on a ceiling; two blocks on it stay `apart` [m]."""
     n = 40
     height = 0.452 + np.concatenate([np.zeros(10), np.linspace(0.0, 0.055, 10), np.full(20, 0.055)])
     bar = np.column_stack([np.full(n, 0.02), np.zeros(n), height, np.tile(ALONG_Y, (n, 1))])
-    blocks = [
-        *(link(name, BLOCK) for name in ("block", "slider3")),
-        joint("stuck", "palm", "block", "fixed", xyz="0.1 0 0"),
-        joint("slide", "palm", "slider3", "prismatic", SLIDE.format(0.01 - apart), "0.1 0.03 0"),
-    ]
     angles = np.tile([*HOOKED, 0.01 - apart], (n, 1))
     return play(
         folder,
         [CEILING, Thing(name="bar", shape=("cylinder", 0.01, 8.0), path=bar)],
-        avatars=hand(folder, [finger("a", 0.0, ROD), blocks], ["a", "slider"]),
+        avatars=hand(folder, [finger("a", 0.0, ROD), blocks(0.01 - apart)], ["a", "slider"]),
         roots={"/palm": palm(n, 0.5)},
         angles={"/angles": ([*names("a"), "slide"], angles)},
     )
@@ -46,3 +50,17 @@ def test_a_hand_that_has_closed_on_a_bar_is_put_where_it_is_free(tmp_path: Path,
     check_limits(run)
     assert not (run.figures("flags").astype(int) & FLAG_NOT_CONVERGED).any()
     assert any("leave no way out" in text for result in run.results for _, text in result.messages)
+
+
+def test_a_hand_that_starts_deep_inside_with_links_in_each_other_is_freed_of_both(tmp_path: Path) -> None:
+    """It is translated out of the box, and the blocks are moved apart by the 5 mm that they overlap."""
+    run = play(
+        tmp_path,
+        [Thing(name="box", shape=("box", 0.6, 0.6, 0.6), at=(0.0, 0.0, 0.45))],
+        avatars=hand(tmp_path, [finger("a", 0.0, ROD), blocks(-0.02)], ["a", "slider"]),
+        roots={"/palm": palm(4, 0.5)},
+        angles={"/angles": ([*names("a"), "slide"], np.tile([0.0, 0.3, 0.3, 0.015], (4, 1)))},
+    )
+    assert_free(run)
+    slide = run.angles[:, run.world.dof_names.index("slide")]
+    assert slide == pytest.approx(np.full(4, 0.01), abs=1e-4)

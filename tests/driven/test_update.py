@@ -243,3 +243,17 @@ def test_a_cube_is_moved_out_of_what_has_moved_into_it_by_the_depth(axis: int) -
     before = loop.position(0).copy()
     assert separate_driven(loop.scene, loop.packed.driven, loop.packed.workspace, loop.packed.recorded, GAP) == 0
     assert np.array_equal(loop.position(0), before)
+
+
+def test_a_cube_on_which_two_plates_have_closed_since_is_put_where_it_is_free() -> None:
+    """They leave it no room between them; the way out is along them."""
+    plates = [
+        scenes.Thing(shape=Box((HALF, 2 * HALF, 2 * HALF)), role=s.FIXED, at=(x, 0, 0), moving=True)
+        for x in (-2.2 * HALF, 2.2 * HALF)
+    ]
+    loop = Loop(cube(0, 0, 0), *plates)
+    loop.update()
+    loop.data.recorded[1:3, 0] = -1.8 * HALF, 1.8 * HALF
+    assert separate_driven(loop.scene, loop.packed.driven, loop.packed.workspace, loop.packed.recorded, GAP) > 0
+    out = np.abs(loop.position(0)).max()
+    assert 3 * HALF <= out <= 3 * HALF + 1e-4
