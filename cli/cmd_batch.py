@@ -106,17 +106,11 @@ def batch(
     os.environ.setdefault("RUST_LOG", "off")  # as in replay
 
     import geomphys
-    from geomphys.batch.plan import plan_logs
-    from geomphys.batch.run import check_outputs
 
     outputs = geomphys.OutputOptions(timing=not no_timing, copy_input=copy_input, ros2=ros2)
     how = geomphys.BatchOptions(
         rrd=rrd, jobs=jobs, scheduler=scheduler, resume=resume, keep_going=keep_going, force=force
     )
-    try:
-        check_outputs(plan_logs(logs, folder), folder.resolve(), options=how)
-    except geomphys.OutputError as error:
-        raise click.UsageError(str(error)) from error
 
     def report_failure(entry: Entry) -> None:
         if entry.status == "failed":

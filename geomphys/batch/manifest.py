@@ -63,6 +63,16 @@ class Entry:
         )
 
 
+_ENCODER = json.JSONEncoder(ensure_ascii=False)
+
+
+def _indented(value: Any) -> str:
+    """A field of an entry as JSON."""
+    if isinstance(value, dict):
+        return json.dumps(value, indent=1, ensure_ascii=False).replace("\n", "\n   ")
+    return _ENCODER.encode(value)
+
+
 SAVING_SHARE = 0.002
 """Share of its time that a batch may spend on saving its manifest; what a killed one did since the last time is done again."""
 
@@ -84,6 +94,7 @@ class Manifest:
     is_saved: bool = field(default=True, init=False)
     _next_save: float = field(default=0.0, init=False)  # s, of `time.monotonic`
     _texts: dict[str, tuple[Entry, str]] = field(default_factory=dict, init=False)  # of the entries, as they were saved
+    _parameters: tuple[Any, str] | None = field(default=None, init=False)  # of the last entry encoded, with their text
 
     @property
     def path(self) -> AnyPath:
@@ -125,11 +136,20 @@ class Manifest:
             entry = self.entries[out]
             saved = self._texts.get(out)
             if saved is None or saved[0] is not entry:
-                text = json.dumps(vars(entry), indent=1, ensure_ascii=False).replace("\n", "\n  ")
-                saved = self._texts[out] = entry, text
+                saved = self._texts[out] = entry, self._text_of(entry)
             texts.append(saved[1])
         logs = "[\n  " + ",\n  ".join(texts) + "\n ]" if texts else "[]"
         return f'{{\n "format": {FORMAT},\n "logs": {logs}\n}}\n'
+
+    def _text_of(self, entry: Entry) -> str:
+        """An entry as JSON; the parameters, which a batch's entries have in common, are encoded once."""
+        if self._parameters is None or self._parameters[0] is not entry.parameters:
+            self._parameters = entry.parameters, _indented(entry.parameters)
+        fields = (
+            f'"{name}": {self._parameters[1] if name == "parameters" else _indented(value)}'
+            for name, value in vars(entry).items()
+        )
+        return "{\n   " + ",\n   ".join(fields) + "\n  }"
 
     def set(self, entry: Entry) -> None:
         """Note an entry, and save it, unless the last time took too long for how lately it was (`SAVING_SHARE`).

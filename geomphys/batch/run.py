@@ -132,12 +132,12 @@ def run_batch(
     folder, scene, config = as_path(folder).resolve(), as_path(scene).absolute(), config or Config()
     options, outputs, callbacks = options or BatchOptions(), outputs or OutputOptions(), callbacks or BatchCallbacks()
     planned = plan_logs(logs, folder)
-    check_outputs(planned, folder, options=options)
+    _check_outputs(planned, folder, options=options)
     world, scene_sha256 = (
         load_world(scene, mode=config.mode, seed=config.seed, progress=callbacks.loading),
         sha256_of_file(scene),
     )
-    check_outputs(planned, folder, options=options, inputs=world.source_files)
+    _check_outputs(planned, folder, options=options, inputs=world.source_files)
     world_sha256 = sha256_of_world(world)
     parameters = {**json.loads(json.dumps(config.as_dict())), **dataclasses.asdict(outputs)}
     requested = [
@@ -163,13 +163,15 @@ def run_batch(
         todo = [entry for entry in requested if entry.out not in up_to_date]
         manifest.entries |= {entry.out: entry for entry in todo}
         manifest.save()
+        for made in dict.fromkeys((folder / entry.out).parent for entry in todo):
+            _make_folder(made)
         tasks = [
             Job(
                 log=log_of[entry.out],
                 scene=scene,
                 scene_sha256=scene_sha256,
                 world_sha256=world_sha256,
-                out=_with_folder_made(folder / entry.out),
+                out=folder / entry.out,
                 rrd=None if entry.rrd is None else folder / entry.rrd,
                 config=config,
                 options=outputs,
@@ -206,7 +208,7 @@ def run_batch(
     )
 
 
-def check_outputs(
+def _check_outputs(
     planned: Sequence[PlannedLog], folder: AnyPath, *, options: BatchOptions, inputs: Sequence[AnyPath] = ()
 ) -> None:
     """Raise OutputError if an output is a log, one of the other `inputs`, or exists and may not be replaced.
@@ -214,7 +216,9 @@ def check_outputs(
     With `options.resume` those that the folder's manifest names may.
     """
     if is_remote(folder) and not folder.lists:
-        raise OutputError(f"{folder}: a web server takes no files; choose a local folder or a store such as s3://")
+        raise RefusedTargetError(
+            f"{folder}: a web server takes no files; choose a local folder or a store such as s3://"
+        )
     claimed = set(Manifest.load(folder).entries) if options.resume else set[str]()
     read = InputFiles([*(file for plan in planned for file in _files_of(plan.log)), *inputs])
     for plan in planned:
@@ -222,8 +226,8 @@ def check_outputs(
             path = folder / f"{plan.name}{suffix}"
             if is_remote(path) or path.parent.is_dir():
                 may_replace = options.force or f"{plan.name}.mcap" in claimed
-                check_target(path, force=True, inputs=read)
-                if path.exists() and not may_replace:
+                if not may_replace and path.exists():
+                    check_target(path, force=True, inputs=read)
                     raise RefusedTargetError(f"{path}: exists; choose another folder, or add --resume or --force")
                 check_target(path, force=may_replace, inputs=read, partial=True)
 
@@ -262,13 +266,11 @@ def _finished_entry(requested: Entry, outcome: Outcome) -> Entry:
     return dataclasses.replace(requested, **{**facts, "scene_sha256": outcome.scene_sha256 or requested.scene_sha256})
 
 
-def _with_folder_made(out: AnyPath) -> AnyPath:
-    """Create the folder of a path; returns the path."""
+def _make_folder(folder: AnyPath) -> None:
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise OutputError(f"{out.parent}: cannot be made ({problem.strerror})") from problem
-    return out
+        raise OutputError(f"{folder}: cannot be made ({problem.strerror})") from problem
 
 
 @contextmanager
