@@ -98,6 +98,7 @@ def _optimised(module: Any) -> bytes:
     """Machine code of a module, optimised once more: numba did it for functions that anyone may call, half of which now go."""
     machine, options = _target_machine(), llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization = False  # that is done
+    options.slp_vectorization = True  # numba does not: operations that are alike become one, to the same bits
     passes = llvm.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     code: bytes = machine.emit_object(module)
