@@ -94,9 +94,9 @@ def _factorise(p: Quadratic, n: int) -> bool:
         row = f[k]
         if not row[k] > 0.0:
             return False
-        row[k] = math.sqrt(row[k])
+        row[k] = diagonal = math.sqrt(row[k])
         for j in range(k):
-            row[j] /= row[k]
+            row[j] /= diagonal
         for i in range(k):
             if row[i] != 0.0:
                 add_multiple(f[i], row, i + 1, -row[i])

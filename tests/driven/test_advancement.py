@@ -139,3 +139,12 @@ def test_no_point_moves_farther_against_the_other_piece_than_the_bound() -> None
         ]
         assert [rotation_between(way.before, way.after, k) for k in range(2)] == pytest.approx(angles, abs=1e-9)
         assert swing == pytest.approx(float(angles @ way.pieces.reach), abs=1e-9)
+
+
+def test_angles_of_rotations_are_those_of_the_arcsine_to_rounding() -> None:
+    before = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    for angle in np.concatenate([np.geomspace(1e-9, 0.2, 400), np.linspace(0.2, 3.1, 50)]):
+        after = np.array([[0.0, 0.0, 0.0, 0.6 * np.sin(angle / 2), 0.0, 0.8 * np.sin(angle / 2), np.cos(angle / 2)]])
+        expected = 4.0 * np.arcsin(0.5 * np.linalg.norm(after - before))
+        assert rotation_between(before, after, 0) == pytest.approx(expected, rel=1e-15)
+    assert rotation_between(before, before, 0) == 0.0
