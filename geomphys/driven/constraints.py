@@ -9,7 +9,7 @@ from geomphys.collision.penetration import Separation
 from geomphys.driven.objective import pivot_of
 from geomphys.driven.postures import Posture, joint_jacobian, point_of
 from geomphys.driven.qp import has_row
-from geomphys.driven.reach_cones import cone_limit, cone_row
+from geomphys.driven.reach_cones import cone_angle, cone_row
 from geomphys.driven.state import GENERAL_MOTION, HAS_ROW, LOCKED, NO_ROW, REQUESTED, DrivenWorkspace
 from geomphys.jit.kernel import kernel, noinline
 from geomphys.numerics.row_vectors import set_vec, vec_at, vec_of
@@ -239,21 +239,45 @@ def set_cone_limits(scene: Scene, ws: DrivenWorkspace, recorded: Floats) -> None
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
         if ws.work.mobility[tree] == GENERAL_MOTION:
-            ws.work.cone_limit[cone] = cone_limit(scene, cone, recorded)
+            ws.work.cone_angle[cone] = cone_angle(scene, cone, recorded)
+            for q in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
+                ws.work.cone_reference[q] = recorded[q]
+
+
+@kernel
+def _least_cone_angle(scene: Scene, ws: DrivenWorkspace, angles: Floats, cone: int) -> float:
+    """A lower bound of a limb's angle [rad] in its cone after the step: no joint changes it by more than it rotates.
+
+    `angles` (Q,) rad: those before the step.
+    """
+    least, cones, work = ws.work.cone_angle[cone], scene.cones, ws.work
+    for index in range(cones.joint_start[cone], cones.joint_start[cone + 1]):
+        body = cones.joints[index]
+        q = scene.bodies.dof[body]
+        i, change = work.column[q], abs(angles[q] - work.cone_reference[q])
+        if i >= 0:
+            change += max(ws.problem.high[i], -ws.problem.low[i])
+        least -= abs(scene.bodies.multiplier[body]) * change
+    return least
 
 
 @noinline
 def add_cones(scene: Scene, ws: DrivenWorkspace, iterate: Posture, m: int, unknowns: int) -> int:
-    """Rows that keep limbs of compound joints in their reach cones, see `set_cone_limits`; returns the number of rows."""
+    """Rows that keep limbs of compound joints in their reach cones, see `set_cone_limits`; returns the number of rows.
+
+    Limbs that cannot leave theirs within the bounds of the unknowns get none.
+    """
     for cone in range(len(scene.cones.limb)):
         tree = scene.bodies.tree[scene.cones.joints[scene.cones.joint_start[cone]]]
-        if ws.work.mobility[tree] != GENERAL_MOTION or not has_row(ws.problem, m):
+        if ws.work.mobility[tree] != GENERAL_MOTION or _least_cone_angle(scene, ws, iterate.angles, cone) > CONE_MARGIN:
+            continue
+        if not has_row(ws.problem, m):
             continue
         row = ws.problem.least.rows[m]
         for j in range(unknowns):
             row[j] = 0.0
         g = cone_row(scene, ws.work.unit, cone, iterate.angles, ws.work.column, row)
-        lacks = ws.work.cone_limit[cone] + CONE_MARGIN - g
+        lacks = min(ws.work.cone_angle[cone], 0.0) + CONE_MARGIN - g
         ws.problem.least.rhs[m] = lacks if lacks > 2.0 * CONE_MARGIN else min(lacks, 0.0)
         m += 1
     return m

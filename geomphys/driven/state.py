@@ -234,7 +234,8 @@ class SearchWorkspace(NamedTuple):
     counts: Record  # SEARCH_COUNTS
     touches: Records  # (k,) TOUCH
     touch_pairs: Ints  # (n,) near pairs of tips with what they touch
-    cone_limit: Floats  # (C,) rad: the least angle of a limb in its reach cone
+    cone_angle: Floats  # (C,) rad: of a limb in its reach cone at `cone_reference`; below 0: the least it may have
+    cone_reference: Floats  # (Q,) rad: recorded angles
     closing: Floats  # (T,) m: how far the penalty may move tips of a tree in the step
     grip: Floats  # (T,) how firmly a tree grips something, 0 to 1: see `tremor`
     grips: Ints  # (T,) 1: a rigid tree that closes on something
@@ -341,7 +342,8 @@ def make_search_workspace(scene: Scene, poses: Floats, links: Links, pairs: int,
         counts=np.zeros((), SEARCH_COUNTS),
         touches=np.zeros(contacts, TOUCH),
         touch_pairs=np.zeros(pairs, np.int64),
-        cone_limit=np.zeros(len(scene.cones.limb)),
+        cone_angle=np.zeros(len(scene.cones.limb)),
+        cone_reference=np.zeros(dofs),
         closing=np.zeros(trees),
         grip=np.zeros(trees),
         grips=np.zeros(trees, np.int64),

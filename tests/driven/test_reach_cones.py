@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yourdfpy
 
+from geomphys.driven.constraints import add_cones, bound_unknowns, number_unknowns, set_cone_limits
 from geomphys.driven.reach_cones import (
     cone_angle,
     cone_limit,
@@ -13,6 +14,8 @@ from geomphys.driven.reach_cones import (
     limb_direction,
     signed_angle,
 )
+from geomphys.driven.state import GENERAL_MOTION
+from geomphys.engine.state import make_replay_data
 from geomphys.jit.packed_records import pack
 from tests.driven.compound import CONE, NOTCHED, joints_of, shoulder
 
@@ -79,3 +82,27 @@ def test_a_limb_recorded_beyond_its_cone_is_bounded_there_and_another_at_the_bou
         seen.add(g > 0)
         assert cone_limit(scene, 0, angles) == (0.0 if g > 0 else g)
     assert seen == {True, False}
+
+
+def test_a_limb_without_a_row_cannot_leave_its_cone_in_the_step(world):
+    """Steps to the corners of the bounds, from angles other than those at which the cone was last evaluated."""
+    scene, data, rng, rows = pack(world.scene), make_replay_data(world.scene), np.random.default_rng(5), [0, 0]
+    ws = pack(data.workspace)
+    ws.work.mobility[0] = GENERAL_MOTION
+    for seed in range(60):
+        recorded = random_angles(seed, spread=0.8)
+        ws.work.iterate.angles[:] = recorded + rng.uniform(-0.05, 0.05, 4)
+        ws.work.low[:], ws.work.high[:] = -2.6, 2.6
+        set_cone_limits(scene, ws, recorded)
+        unknowns = number_unknowns(scene, ws)
+        bound_unknowns(scene, ws, ws.work.iterate, 0.03, True)
+        count = add_cones(scene, ws, ws.work.iterate, 0, unknowns)
+        rows[count] += 1
+        if count == 0:
+            low, high, column = ws.problem.low, ws.problem.high, ws.work.column
+            for corner in range(8):
+                angles = ws.work.iterate.angles.copy()
+                for q in range(3):
+                    angles[q] += (high if corner >> q & 1 else low)[column[q]]
+                assert cone_angle(scene, 0, angles) > 0.0
+    assert min(rows) > 5
