@@ -40,12 +40,19 @@ def store_touch(ws: DrivenWorkspace, tip: int, body: int, gap: float, n: Vec) ->
 
 
 @kernel
-def _known_gap(ws: DrivenWorkspace, tip: int, body: int) -> float:
-    """The smallest gap [m] found so far of a tip and a body; inf: none."""
+def _known_gap(scene: Scene, ws: DrivenWorkspace, near: Near, k: int, tip: int) -> float:
+    """The smallest gap [m] of a tip and the body in near pair k that was found so far or is measured; inf: none."""
+    body_of, gap = scene.pieces.body, math.inf
+    body_a, body_b = body_of[near.a[k]], body_of[near.b[k]]
     for i in range(ws.work.counts.touches):
-        if ws.work.touches[i].tip == tip and ws.work.touches[i].body == body:
-            return float(ws.work.touches[i].gap)
-    return math.inf
+        if ws.work.touches[i].tip == tip and ws.work.touches[i].body == body_b:
+            gap = ws.work.touches[i].gap
+    for j in range(k + 1, near.counts.filled):  # pairs of two bodies are adjacent
+        if body_of[near.a[j]] != body_a or body_of[near.b[j]] != body_b:
+            break
+        if near.exact[j] == 1:
+            gap = min(gap, near.separation[j])
+    return gap
 
 
 @noinline
@@ -62,7 +69,7 @@ def find_touches(scene: Scene, ws: DrivenWorkspace, near: Near) -> None:
         tip = ws.links.weld_body[body_a]
         if ws.links.tip[tip] == 0:
             continue
-        limit = min(RECORDED_ON, _known_gap(ws, tip, body_b))
+        limit = min(RECORDED_ON, _known_gap(scene, ws, near, k, tip))
         if near.separation[k] > limit:
             continue
         s = measure_near(scene.pieces, ws.piece_frames.base, k, limit, near, ws.detection.axes, ws.detection.scratch)
