@@ -7,7 +7,7 @@ from typing import TypeAlias
 from geomphys.collision.closed_forms import Answer, ball_box, ball_cylinder, segments
 from geomphys.collision.epa import expand
 from geomphys.collision.exhaustive import exhaustive
-from geomphys.collision.gjk import OVERLAP, Goal, closest, difference
+from geomphys.collision.gjk import FAR, OVERLAP, SEPARATED, Goal, closest, difference
 from geomphys.collision.scratch import Scratch, make_scratch
 from geomphys.collision.support import Core, Shapes, core_of, is_curved, position_of, radius_of, rotation_of
 from geomphys.jit.kernel import inlined, kernel, noinline
@@ -26,7 +26,7 @@ from geomphys.numerics.vec3 import (
     rotate_back,
     sub,
 )
-from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, SPHERE, Floats, Pieces
+from geomphys.scene.arrays import BOX, CAPSULE, CYLINDER, HULL, SPHERE, Floats, Pieces
 
 __all__ = ["Scratch", "Separation", "make_scratch", "separation"]
 
@@ -120,10 +120,30 @@ def _between_boxes(a: Core, b: Core, rot: Rot, apart: Vec) -> Vec:
 
 
 @kernel
+def _axis_of(core: Core) -> Core:
+    """The axis of a cylinder, as the core of a capsule."""
+    return Core(core.pieces, CAPSULE, core.first, 0, core.cells, 0.0, 0.0, core.y)
+
+
+@kernel
+def _is_beside(cylinder: Core, p: Vec, n: Vec, s: float) -> bool:
+    """Whether a hull's distance `s` [m] from a cylinder's axis, less the radius, is its exact separation from the cylinder.
+
+    It is that from the capsule around the cylinder: theirs too where the capsule's nearest point is one of the cylinder. Where
+    they overlap, it is if the hull's point nearest to the axis stays inside however the cylinder is moved by less than the
+    depth: it lies so far from both ends. `p`: the axis's nearest point, `n`: the normal towards it, both in the cylinder's frame.
+    """
+    return abs(p[2] - min(s, cylinder.x) * n[2]) + max(cylinder.x - s, 0.0) <= cylinder.y
+
+
+@kernel
 def general(
     shapes: Shapes, a: int, b: int, limit: float, axis: Vec, share: float, simplex: Record, scratch: Scratch
 ) -> Answer:
-    """`ordered` by descent over the Minkowski difference of the cores, in A's frame."""
+    """`ordered` by descent over the Minkowski difference of the cores, in A's frame.
+
+    Of a cylinder and a hull the cylinder's axis is tried first: there the descent ends after a few corners.
+    """
     core_a, core_b = core_of(shapes, a), core_of(shapes, b)
     radius_a = radius_of(shapes, a)
     radius = radius_a + radius_of(shapes, b)
@@ -144,7 +164,16 @@ def general(
     if dot(start, start) == 0.0:
         start = (0.0, 0.0, 1.0)
     size = shapes.pieces.reach[a] + shapes.pieces.reach[b] + norm(centre_a) + norm(centre_b) + norm(t)
-    state, s, n, p = closest(core_a, core_b, rot, t, size, Goal(limit, radius, share), start, simplex)
+    core, around = core_a, 0.0
+    if share == 1.0 and simplex.count == 0 and core_a.kind == CYLINDER and core_b.kind == HULL:
+        core, around = _axis_of(core_a), core_a.x
+    while True:
+        state, s, n, p = closest(core, core_b, rot, t, size, Goal(limit, radius + around, share), start, simplex)
+        if around == 0.0:
+            break
+        if state == FAR or (state == SEPARATED and _is_beside(core_a, p, n, s)):
+            return s - around, rotate(world, n), add(origin, rotate(world, add_scaled(p, n, -around)))
+        core, around, simplex.count = core_a, 0.0, 0
     if state == OVERLAP and share < 1.0:
         s = min(s, 0.0)
     elif state == OVERLAP:

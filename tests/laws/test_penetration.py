@@ -9,7 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from geomphys.scene.pieces import Box, Cylinder, Hull, Shape
-from tests.collision.pairs import Pair, check_certificate, minkowski_depth, pose, random_hull, random_turn
+from tests.collision.pairs import (
+    Pair,
+    check_certificate,
+    minkowski_depth,
+    pose,
+    random_hull,
+    random_turn,
+    searched_depth,
+)
 
 SEEDS = range(int(os.environ.get("GEOMPHYS_PENETRATION_SEEDS", "12")))
 """Blocks of 100 pairs; 200 seeds take some minutes."""
@@ -130,3 +138,32 @@ def test_cylinders_about_one_axis_meet_where_the_normal_says(tilt: float) -> Non
     over = Rotation.from_matrix([[-1.0, 0.0, tilt], [0.0, 1.0, 0.0], [-tilt, 0.0, -1.0]])
     pair = Pair(shape, pose(), shape, pose((0.0, 0.0, 0.0), over))
     check_certificate(pair, pair.answer(), on_surface=1e-5)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.1, -0.21, 0.27, -0.295])
+@pytest.mark.parametrize("distance", [0.02, 0.06, 0.099, 0.13])
+def test_a_corner_beside_a_cylinder_is_as_deep_as_it_is_near_to_the_axis(distance: float, height: float) -> None:
+    """To rounding, as long as it is farther from the ends than it is deep: there another way out may be shorter."""
+    rng, radius, half_height = np.random.default_rng(3), 0.1, 0.3
+    base = [(distance + 0.5, height + y, z) for y in (-0.3, 0.3) for z in (-0.3, 0.3)]
+    spike = Hull(np.array([(distance, 0.0, height), *((x, z, y) for x, y, z in base)]))
+    for _ in range(10):
+        at = pose(rng.normal(size=3), random_turn(rng))
+        for pair in (
+            Pair(Cylinder(radius, half_height), at, spike, at),
+            Pair(spike, at, Cylinder(radius, half_height), at),
+        ):
+            answer = pair.answer()
+            check_certificate(pair, answer, on_surface=2e-6)
+            if abs(height) + max(radius - distance, 0.0) < half_height:
+                assert answer.s == pytest.approx(distance - radius, abs=1e-15 * pair.size)
+            elif answer.s < 0.0:
+                assert -answer.s <= searched_depth(pair) * (1.0 + 1e-6)
+
+
+def test_a_cylinder_at_the_edge_of_a_cube_leaves_it_by_the_end_where_that_is_nearer() -> None:
+    """Its side is 20 mm deep in the cube, its end 10 mm."""
+    lying = Rotation.from_euler("y", 90, degrees=True)
+    answer = Pair(Cylinder(0.1, 0.3), pose((1.29, 0.0, 1.08), lying), Hull(CUBE), pose()).answer()
+    assert answer.s == pytest.approx(-0.01, abs=1e-9)
+    assert answer.n == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
