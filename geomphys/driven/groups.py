@@ -238,14 +238,20 @@ def _in_parts(
 
 
 @noinline
-def find_free_position(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
-    """Depenetration of the trees being solved: to positions that can be reached; past what closes on them if none can."""
+def search_from_free_position(scene: Scene, ws: DrivenWorkspace, angles: Floats, gap: float) -> Found:
+    """Depenetration of the trees being solved, and a search from there, into `best`, with every step certified.
+
+    It is to positions that can be reached; past what closes on the trees if none can.
+    """
+    work = ws.work
     for certified in (True, False):
-        copy_unlocked(scene, ws, ws.work.before, ws.work.iterate)
-        pose_unlocked(scene, ws, ws.work.iterate)
+        copy_unlocked(scene, ws, work.before, work.iterate)
+        pose_unlocked(scene, ws, work.iterate)
         if find_depenetration(scene, ws, gap, certified):
-            return True
-    return False
+            copy_unlocked(scene, ws, work.best, work.iterate)
+            pose_unlocked(scene, ws, work.iterate)
+            return search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
+    return Found(False, 0, False, False)
 
 
 @noinline
@@ -277,15 +283,10 @@ def solve_group(
         converged = free
         if not free:
             fallbacks += 1
-            if find_free_position(scene, ws, gap):
-                copy_unlocked(scene, ws, work.best, work.iterate)
-                pose_unlocked(scene, ws, work.iterate)
-                for tree in range(len(work.mobility)):
-                    work.deviation_limit[tree] = math.inf
-                more_found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, EVERY_STEP)
-                iterations, converged = iterations + more_found.iterations, more_found.free
-            else:
-                copy_unlocked(scene, ws, work.iterate, work.best)
+            for tree in range(len(work.mobility)):
+                work.deviation_limit[tree] = math.inf
+            found = search_from_free_position(scene, ws, angles, gap)
+            iterations, converged = iterations + found.iterations, found.free
     shape_changed = False
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:

@@ -24,9 +24,9 @@ from geomphys.driven.groups import (
     MAX_ITERATIONS,
     Outcome,
     combine,
-    find_free_position,
     keep_posed,
     pose_surroundings,
+    search_from_free_position,
     set_final_posture,
     solve_first,
     solve_group,
@@ -34,7 +34,7 @@ from geomphys.driven.groups import (
 from geomphys.driven.objective import is_rigid, link_centre
 from geomphys.driven.postures import copy_tree
 from geomphys.driven.reachability import measure_swept_pairs, path_of_pair_is_free
-from geomphys.driven.sqp import ANY_PATH, EVERY_STEP, search
+from geomphys.driven.sqp import ANY_PATH, Found, search
 from geomphys.driven.state import (
     GENERAL_MOTION,
     LOCKED,
@@ -46,7 +46,7 @@ from geomphys.driven.state import (
     DrivenState,
     DrivenWorkspace,
 )
-from geomphys.driven.stepping import copy_unlocked, measure_near_pairs, pose_unlocked
+from geomphys.driven.stepping import measure_near_pairs, pose_unlocked_pieces
 from geomphys.driven.targets import clear_offsets, find_recorded_motion, set_link_targets, store_offsets
 from geomphys.driven.tremor import filter_tremor
 from geomphys.jit.kernel import kernel, noinline
@@ -243,27 +243,25 @@ def separate_driven(scene: Scene, state: DrivenState, ws: DrivenWorkspace, recor
 
     `recorded` (B, 7): present poses of bodies that are not driven, recorded poses of those that are.
     """
-    work, iterations, free = ws.work, 0, True
+    work, iterations, found = ws.work, 0, Found(False, 0, False, False)
+    angles = state.recorded.angles
     pose_surroundings(scene, state, ws, recorded, 1.0)
-    for mobility in (TRANSLATION, GENERAL_MOTION):  # a grip from several sides has to open its joints
-        for tree in range(len(work.mobility)):
-            _start_at_present(scene, state, ws, tree, mobility)
-        if measure_near_pairs(scene, ws, 0.0, 0.0) >= 0.0:
-            break
-        found = search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, ANY_PATH)
-        iterations, free = iterations + found.iterations, found.free
-        for tree in range(len(work.mobility)):
-            if work.mobility[tree] != LOCKED:
-                set_final_posture(scene, state, ws, tree, work.best if free else state.last)
-        if free:
-            break
-    if not free and find_free_position(scene, ws, gap):
-        copy_unlocked(scene, ws, work.best, work.iterate)
-        pose_unlocked(scene, ws, work.iterate)
-        iterations += search(scene, ws, state.recorded.angles, gap, MAX_ITERATIONS, False, EVERY_STEP).iterations
+    for tree in range(len(work.mobility)):
+        _start_at_present(scene, state, ws, tree, TRANSLATION)
+    if measure_near_pairs(scene, ws, 0.0, 0.0) < 0.0:
+        for mobility in (TRANSLATION, GENERAL_MOTION):  # a grip from several sides has to open its joints
+            if not found.free:
+                for tree in range(len(work.mobility)):
+                    _start_at_present(scene, state, ws, tree, mobility)
+                pose_unlocked_pieces(scene, ws, work.iterate)
+                found = search(scene, ws, angles, gap, MAX_ITERATIONS, False, ANY_PATH)
+                iterations += found.iterations
+        if not found.free:
+            found = search_from_free_position(scene, ws, angles, gap)
+            iterations += found.iterations
         for tree in range(len(work.mobility)):
             if work.mobility[tree] != LOCKED:
-                set_final_posture(scene, state, ws, tree, work.best)
+                set_final_posture(scene, state, ws, tree, work.best if found.free else state.last)
     _finish(scene, state, ws)
     for tree in range(len(work.mobility)):
         if scene.trees.role[tree] == DRIVEN:
