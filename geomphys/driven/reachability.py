@@ -311,6 +311,8 @@ def find_reference_body(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> 
         body = scene.pieces.body[ws.listed.b[k]]
         if scene.bodies.role[body] == DRIVEN or _distance(ws.work.travel, ws.listed.b[k]) == 0.0:
             continue
+        if ws.work.mobility[ws.listed.tree_a[k]] == LOCKED:  # near a tree of another group
+            continue
         s = _reference_separation(scene, ws, k, least)
         if s < least:
             least, nearest = s, body

@@ -231,6 +231,25 @@ def test_a_first_frame_that_is_never_free_says_so_and_the_next_is_again_a_first(
     assert not loop.data.driven.offset_velocity[0].any()
 
 
+def test_a_step_divided_for_one_cube_is_a_whole_one_for_the_next(tmp_path: Path) -> None:
+    """Two plates close on a cube, nearer than it is wide; far off, in the same frame, a thin wall comes from behind another."""
+    moved = np.repeat([0.0, 1.0], [5, 10])[:, None]
+    plates = {
+        "west": ((0.02, 0.4, 0.4), (-0.07, 0.0, 0.0), (0.03, 0.0, 0.0)),
+        "east": ((0.02, 0.4, 0.4), (0.07, 0.0, 0.0), (-0.03, 0.0, 0.0)),
+        "wall": ((0.004, 0.4, 0.4), (4.92, 0.0, 0.0), (0.4, 0.0, 0.0)),
+    }
+    things = [
+        Thing(name="first", shape=CUBE, role="driven", path=still(0, 0, 0, frames=15)),
+        Thing(name="second", shape=CUBE, role="driven", path=still(5, 0, 0, frames=15)),
+        *(Thing(name=n, shape=("box", *size), path=at + moved * by) for n, (size, at, by) in plates.items()),
+    ]
+    run = play(tmp_path, things)
+    assert_free(run)
+    assert run.figures("fallbacks")[5] >= 2
+    assert run.path("second")[5, 0] == pytest.approx(5.372, abs=1e-4)
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_a_cube_is_moved_out_of_what_has_moved_into_it_by_the_depth(axis: int) -> None:
     loop = Loop(cube(0, 0, 0), cube(*(-0.2 * np.eye(3)[axis]), role=s.FIXED, moving=True))
