@@ -287,6 +287,10 @@ def solve_group(
                 work.deviation_limit[tree] = math.inf
             found = search_from_free_position(scene, ws, angles, gap)
             iterations, converged = iterations + found.iterations, found.free
+        for tree in range(len(work.mobility)):  # the next group has the whole step before it
+            if scene.trees.moving[tree] == 1 and scene.trees.role[tree] != DRIVEN:
+                copy_tree(scene, state.last, tree, work.before)
+        pose_surroundings(scene, state, ws, recorded, 1.0)
     shape_changed = False
     for tree in range(len(work.mobility)):
         if work.mobility[tree] != LOCKED:

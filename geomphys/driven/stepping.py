@@ -245,7 +245,7 @@ def _translate(scene: Scene, source: Posture, tree: int, path: Vec, target: Post
 
 @kernel
 def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> None:
-    """Set the trial: the iterate plus `step_length` times the solution."""
+    """Set the trial: the iterate plus `step_length` times the solution; joints stay within their limits."""
     x, work = ws.problem.x, ws.work
     iterate, trial = work.iterate, work.trial
     for tree in range(len(work.mobility)):
@@ -262,7 +262,10 @@ def apply_solution(scene: Scene, ws: DrivenWorkspace, step_length: float) -> Non
         set_pose(trial.roots, tree, p, quat_unit(quat_mul(rotation, orientation_of(iterate.roots, tree))))
         for j in range(scene.trees.dof_start[tree], scene.trees.dof_start[tree + 1]):
             i = work.column[j]
-            trial.angles[j] = iterate.angles[j] + (step_length * x[i] if i >= 0 else 0.0)
+            trial.angles[j] = angle = iterate.angles[j] + (step_length * x[i] if i >= 0 else 0.0)
+            if step_length > 1.0:  # farther than the bounds of the unknowns allow
+                low, high = min(work.low[j], iterate.angles[j]), max(work.high[j], iterate.angles[j])
+                trial.angles[j] = min(max(angle, low), high)
         pose_tree(scene, ws.origins, tree, trial.roots, trial.angles, trial.poses)
 
 

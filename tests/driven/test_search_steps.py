@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 
 from geomphys.collision.detect import pair_separation
 from geomphys.collision.penetration import separation
+from geomphys.driven.constraints import number_unknowns
 from geomphys.driven.goals import choose_branch
 from geomphys.driven.starts import JUMP, unwrapped_change
-from geomphys.driven.state import LOCKED, TRANSLATION, TRAVEL
+from geomphys.driven.state import GENERAL_MOTION, LOCKED, TRANSLATION, TRAVEL
 from geomphys.driven.stepping import (
+    apply_solution,
     gap_along_normal,
     is_within,
     measure_motion,
@@ -215,3 +218,24 @@ def test_of_equal_angles_the_one_nearest_to_the_recording_is_taken(
 )
 def test_a_change_of_branch_is_no_motion_and_a_jump_none_either(arm: Table, change: float, steady: float) -> None:
     assert unwrapped_change(arm[1], 0, change) == pytest.approx(steady, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("before", "solution", "step_length", "after"),
+    [(0.02, 0.05, 1.0, 0.07), (0.02, 0.05, 3.0, 0.1), (-0.02, -0.05, 3.0, -0.1), (0.15, -0.05, 2.0, 0.05), (0.15, -0.01, 3.0, 0.12)],
+    ids=["within", "beyond the upper", "beyond the lower", "back into them", "on the way back"],
+)  # fmt: skip
+def test_an_extrapolated_step_keeps_joints_within_their_limits(
+    tmp_path: Path, before: float, solution: float, step_length: float, after: float
+) -> None:
+    """Limits of ±0.1 rad; what was beyond one goes no farther."""
+    world = shoulder(tmp_path, NOTCHED)
+    scene, data = pack(world.scene), make_replay_data(world.scene)
+    ws, work = pack(data.workspace), data.workspace.work
+    work.mobility[0] = GENERAL_MOTION
+    work.low[:], work.high[:], work.iterate.angles[:] = -0.1, 0.1, before
+    number_unknowns(scene, ws)
+    data.workspace.problem.x[:] = 0.0
+    data.workspace.problem.x[work.column[:3]] = solution
+    apply_solution(scene, ws, step_length)
+    assert work.trial.angles[:3] == pytest.approx(after, abs=1e-15)
