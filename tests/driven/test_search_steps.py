@@ -222,7 +222,10 @@ def test_a_change_of_branch_is_no_motion_and_a_jump_none_either(arm: Table, chan
 
 @pytest.mark.parametrize(
     ("before", "solution", "step_length", "after"),
-    [(0.02, 0.05, 1.0, 0.07), (0.02, 0.05, 3.0, 0.1), (-0.02, -0.05, 3.0, -0.1), (0.15, -0.05, 2.0, 0.05), (0.15, -0.01, 3.0, 0.12)],
+    [
+        (0.02, 0.05, 1.0, 0.07), (0.02, 0.05, 3.0, 0.1), (-0.02, -0.05, 3.0, -0.1), (0.15, -0.05, 2.0, 0.05),
+        (0.15, -0.01, 3.0, 0.12),
+    ],
     ids=["within", "beyond the upper", "beyond the lower", "back into them", "on the way back"],
 )  # fmt: skip
 def test_an_extrapolated_step_keeps_joints_within_their_limits(
