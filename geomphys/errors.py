@@ -52,7 +52,7 @@ class OutputError(GeomphysError):
 
 
 class RefusedTargetError(OutputError):
-    """A path that no output is written to: it exists, is an input, or is no regular file."""
+    """A path that no output is written to: it exists, is an input or another output, is no regular file, or on a web server."""
 
 
 class ViewerError(GeomphysError):

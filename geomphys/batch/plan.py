@@ -71,7 +71,8 @@ def _logs_of(input_path: AnyPath, output_folder: AnyPath) -> Iterator[tuple[str,
     elif not input_path.is_dir():
         raise LogError(f"{input_path}: there is no such log")
     elif (input_path / METADATA).is_file():
-        yield input_path.resolve().name, input_path.resolve()
+        bag = input_path.resolve()
+        yield bag.name, bag
     else:
         logs: Sequence[tuple[str, AnyPath]]
         if is_remote(input_path):
@@ -106,7 +107,7 @@ def _is_log(name: str) -> bool:
 
 
 def _logs_under_url(folder: RemotePath, output_folder: AnyPath) -> Iterator[tuple[str, RemotePath]]:
-    """Name and path of MCAP files and bags below a folder behind a URL."""
+    """Name and path of MCAP files and bags below a folder at a URL."""
     files = folder.files()
     bags = {file.parent for file in files if file.name == METADATA} - {folder}
     for bag in bags:
