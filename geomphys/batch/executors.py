@@ -87,20 +87,18 @@ def _run_until_process_dies(
     running: dict[Future[Replayed], tuple[int, Job]] = {}
     done: deque[tuple[int, Replayed]] = deque()
     lost_jobs: list[tuple[int, Job]] = []
+
+    def start() -> None:
+        while queue and len(running) < (most if are_compiled(queue[0][1].config.method) else 1) and control.may_start():
+            running[executor.submit(replay_job, queue[0][1])] = queue[0]
+            queue.popleft()
+
     try:
-        while (running or queue) and not lost_jobs:
-            while (
-                queue
-                and len(running) < (most if are_compiled(queue[0][1].config.method) else 1)
-                and control.may_start()
-            ):
-                with signals_deferred():
-                    running[executor.submit(replay_job, queue[0][1])] = queue[0]
-                queue.popleft()
-            yield from _published(done)
-            if not running:
-                break
-            with signals_deferred():
+        while not lost_jobs:
+            with signals_deferred():  # once a round: a change of handlers takes longer than the rest of it
+                start()
+                if not running:
+                    break
                 completed, _ = wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
                 for future in sorted(completed, key=lambda f: running[f][0]):
                     index, job = running.pop(future)
@@ -109,10 +107,12 @@ def _run_until_process_dies(
                         lost_jobs.append((index, job))
                     else:
                         done.append((index, future.result() if error is None else Replayed(failure(error))))
-            if control.ends_at_failure:
-                yield from _published(done)
-            if lost_jobs:
-                lost_jobs = sorted([*lost_jobs, *running.values()], key=lambda item: item[0])
+                if lost_jobs:
+                    lost_jobs = sorted([*lost_jobs, *running.values()], key=lambda item: item[0])
+                elif not control.ends_at_failure:
+                    start()
+                outcomes = _published(done)
+            yield from outcomes
     except BrokenProcessPool:  # a process died between two jobs
         lost_jobs = sorted(running.values(), key=lambda item: item[0])
     except BaseException:
@@ -120,21 +120,21 @@ def _run_until_process_dies(
         _shut_down(executor, running)
         ended = {future: index for future, (index, _) in running.items() if not future.cancelled()}
         done.extend((index, future.result()) for future, index in ended.items() if future.exception() is None)
-        for _ in _published(done):
-            pass
+        _published(done)
         raise
     yield from _published(done)
     _shut_down(executor, running)
     return lost_jobs
 
 
-def _published(done: deque[tuple[int, Replayed]]) -> Iterator[Finished]:
-    """Publish the outputs of jobs, one after another; no signal comes between."""
-    while done:
-        with signals_deferred():
+def _published(done: deque[tuple[int, Replayed]]) -> list[Finished]:
+    """Publish the outputs of jobs; no signal comes between."""
+    outcomes: list[Finished] = []
+    with signals_deferred():
+        while done:
             index, replayed = done.popleft()
-            outcome = publish_outputs(replayed)
-        yield index, outcome
+            outcomes.append((index, publish_outputs(replayed)))
+    return outcomes
 
 
 def _shut_down(executor: ProcessPool, running: Iterable[Future[Replayed]]) -> None:

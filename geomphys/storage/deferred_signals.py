@@ -12,21 +12,28 @@ RAISING_SIGNALS = (*STOP_SIGNALS, signal.SIGALRM)
 """The alarm brings an earlier signal back that a library dropped."""
 
 
+_is_deferring = False
+"""Whether the main thread is in a block of `signals_deferred`."""
+
+
 @contextmanager
 def signals_deferred() -> Iterator[None]:
     """Record the signals that arrive in the block and pass them to their handlers at its end.
 
     Masking them is not enough: the system may deliver a signal to any thread, and Python runs the handler in the main
-    one. The block should be short. In other threads than the main one this does nothing.
+    one. The block should be short. Within another such block this does nothing, nor in other threads than the main one.
     """
-    if threading.current_thread() is not threading.main_thread():
+    global _is_deferring
+    if _is_deferring or threading.current_thread() is not threading.main_thread():
         yield
         return
     pending: list[int] = []
     before = {number: signal.signal(number, lambda received, _: pending.append(received)) for number in RAISING_SIGNALS}
+    _is_deferring = True
     try:
         yield
     finally:
+        _is_deferring = False
         for number, handler in before.items():
             signal.signal(number, handler)
         for received in pending:

@@ -57,6 +57,21 @@ def test_a_signal_comes_at_the_end_whichever_thread_the_system_gives_it_to(numbe
         signal.raise_signal(number)
 
 
+def test_a_signal_waits_for_the_outermost_block_and_the_next_block_defers_again() -> None:
+    steps = []
+
+    def hold() -> None:
+        with signals_deferred():
+            with signals_deferred():
+                signal.raise_signal(signal.SIGTERM)
+            steps.append("went on")
+
+    for _ in range(2):
+        with pytest.raises(Came):
+            hold()
+    assert steps == ["went on", "went on"]
+
+
 def test_without_a_signal_nothing_happens_nor_in_another_thread() -> None:
     with signals_deferred():
         pass
