@@ -26,7 +26,7 @@ from .signals import StopAtFrame
 from .terminal import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from geomphys.batch.manifest import Entry
     from geomphys.batch.run import BatchReport
@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 
 EXIT_SOME_FAILED = 3
 EXIT_THRESHOLD = 4
+
+LISTED = 100
+"""Most logs that are listed at the end; of more, those that matter."""
 
 MM = 1000.0
 
@@ -163,20 +166,34 @@ def _residual_mm(entry: Entry) -> float:
     return MM * float((entry.metrics or {}).get("residual_penetration_max_m", 0.0))
 
 
+def _correction_mm(entry: Entry) -> float:
+    """Return the largest correction of a log, mm."""
+    return MM * float((entry.metrics or {}).get("correction_max_m", 0.0))
+
+
 def _show(terminal: Terminal, report: BatchReport, elapsed_s: float) -> None:
-    """Print one line per log, the totals, and the speed."""
+    """Print one line per log, or of many for those that matter, the totals, and the speed."""
     from rich.text import Text
 
     from .terminal import printable, table_in
 
     rows: list[list[str | Text]] = []
-    for entry in report.entries:
+    for entry in _listed(report.entries):
         status = "as it was" if entry.out in report.up_to_date else entry.status
         style = {"done": "green", "failed": "bold red"}.get(entry.status, "yellow")
         rows.append([printable(entry.out), Text(status, style=style), *_figures(entry)])
     columns = ["output", "status", "frames", "recorded", "left", "moved by"]
     table = table_in(terminal.width, columns, rows, droppable=("frames", "moved by"), left_aligned="status")
-    terminal.result(table, "", Text("; ".join([*_sums(report), *_speed(report, elapsed_s)])))
+    left_out = len(report.entries) - len(rows)
+    remarks = [Text(f"and {counted(left_out, 'log')} more, all in {printable(report.manifest)}")] if left_out else []
+    terminal.result(table, *remarks, "", Text("; ".join([*_sums(report), *_speed(report, elapsed_s)])))
+
+
+def _listed(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the logs to be listed: of more than `LISTED` those not done, then by residual overlap and correction."""
+    ranked = sorted(entries, key=lambda entry: (entry.status == "done", -_residual_mm(entry), -_correction_mm(entry)))
+    chosen = {entry.out for entry in ranked[:LISTED]}
+    return [entry for entry in entries if entry.out in chosen]
 
 
 def _figures(entry: Entry) -> list[str]:
@@ -198,9 +215,9 @@ def _speed(report: BatchReport, elapsed_s: float) -> Iterator[str]:
 
 def _sums(report: BatchReport) -> Iterator[str]:
     """Yield the number of logs of each status."""
-    yield f"{counted(len(report.entries), 'log')}: {report.count('done')} done"
+    yield f"{counted(len(report.entries), 'log')}: {report.count('done'):,} done"
     if report.up_to_date:
-        yield f"{len(report.up_to_date)} of them before"
+        yield f"{len(report.up_to_date):,} of them before"
     for status in ("failed", "interrupted", "pending"):
         if report.count(status):
-            yield f"{report.count(status)} {status}"
+            yield f"{report.count(status):,} {status}"

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
+from geomphys_cli import cmd_batch
 from geomphys_cli.main import run
 
 from tests.cli.press import SCENE, write_log
@@ -49,6 +50,19 @@ def test_a_line_a_log_and_the_sum(folder: Path, capsys: pytest.CaptureFixture[st
     }  # fmt: skip
     assert run(words(folder, "--rrd", "--no-timing", "--resume")) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "2 logs: 2 done; 2 of them before"
+
+
+def test_of_many_logs_those_are_listed_that_failed_or_were_corrected_most(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cmd_batch, "LISTED", 3)
+    write_log(folder / "logs" / "0.mcap", frames=2)  # free in both
+    (folder / "logs" / "d.mcap").write_bytes(b"no log")
+    assert run(words(folder)) == 3
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[1:4]] == ["a.mcap", "b.mcap", "d.mcap"]
+    assert lines[4].startswith("and 1 log more, all in ")
+    assert lines[-1].startswith("4 logs: 3 done; 1 failed")
 
 
 def test_a_broken_log_is_3_after_the_others(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
