@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 from geomphys.collision.detect import approximate_separation, measure_near
+from geomphys.driven.advancement import path_is_free
 from geomphys.driven.constraints import is_unlocked_pair
 from geomphys.driven.postures import copy_tree
-from geomphys.driven.reachability import FREE, judge_anew
+from geomphys.driven.reachability import find_obstruction, measure_swept_pairs
 from geomphys.driven.state import LOCKED, DrivenWorkspace
 from geomphys.driven.stepping import measure_near_pairs, pose_with_pieces
 from geomphys.jit.kernel import kernel, noinline
@@ -23,6 +24,8 @@ NEAREST = 1e-3  # m
 FARTHER = 1.3  # factor from one tried distance to the next
 DISTANCES = 30
 BISECTIONS = 12
+
+CLEAR, BLOCKED, OBSTRUCTED = 0, 1, 2  # outcomes of a try
 
 
 @kernel
@@ -56,11 +59,27 @@ def _is_clear(scene: Scene, ws: DrivenWorkspace, gap: float) -> bool:
     return True
 
 
+@kernel
+def _is_obstructed_before(scene: Scene, ws: DrivenWorkspace, tree: int, k: int) -> bool:
+    """Whether near pair k obstructs the path of a tree to `start` also where the other body stays as at the step's start.
+
+    It then obstructs any farther path in this direction, however fast it is.
+    """
+    work, a, b = ws.work, ws.near.a[k], ws.near.b[k]
+    copy_tree(scene, work.start, tree, work.trial)
+    for other in (ws.near.tree_a[k], ws.near.tree_b[k]):
+        if other != tree:
+            copy_tree(scene, work.before, other, work.trial)
+    d, moved = ws.detection, ws.piece_frames.moved
+    return not path_is_free(scene, work.before.poses, work.trial.poses, a, b, moved, d.axes, d.scratch)
+
+
 @noinline
-def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> bool:
+def _try(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> int:
     """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start.
 
-    The pieces that were last found not to be clear are tried first.
+    CLEAR, BLOCKED, or OBSTRUCTED: nor is any position reachable that is farther in this direction. The pieces that were last
+    found not to be clear are tried first.
     """
     work, counts = ws.work, ws.work.counts
     for k in range(7):
@@ -69,28 +88,41 @@ def _is_free_at(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: fl
         work.start.angles[q] = work.iterate.angles[q]
     pose_with_pieces(scene, ws, work.start, tree)
     if counts.blocking_a >= 0 and _overlap(scene, ws, counts.blocking_a, counts.blocking_b, gap):
-        return False
-    return _is_clear(scene, ws, gap) and (not certified or judge_anew(scene, ws, work.start) == FREE)
+        return BLOCKED
+    if not _is_clear(scene, ws, gap):
+        return BLOCKED
+    if not certified:
+        return CLEAR
+    if measure_swept_pairs(scene, ws, work.start) < 0.0:
+        return BLOCKED
+    k = find_obstruction(scene, ws, work.start)
+    if k < 0:
+        return CLEAR
+    return OBSTRUCTED if _is_obstructed_before(scene, ws, tree, k) else BLOCKED
 
 
 @noinline
 def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certified: bool) -> bool:
     """Find the shortest free translation of a tree among those tried, into `iterate`."""
-    distance, nearest, towards = NEAREST, math.inf, (0.0, 0.0, 0.0)
+    distance, nearest, towards, closed = NEAREST, math.inf, (0.0, 0.0, 0.0), 0
     for _ in range(DISTANCES):
         for number in range(26):
-            d = _direction(number)
-            if not _is_free_at(scene, ws, tree, scale(d, distance), gap, certified):
+            if closed >> number & 1 == 1:
                 continue
-            low, high = distance / FARTHER if distance > NEAREST else 0.0, distance
+            d = _direction(number)
+            high = min(distance, nearest - NEAREST * 1e-3)  # farther ones do not matter any more
+            found = _try(scene, ws, tree, scale(d, high), gap, certified)
+            closed |= int(found == OBSTRUCTED) << number
+            if found != CLEAR:
+                continue
+            low = distance / FARTHER if distance > NEAREST else 0.0
             for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
-                if _is_free_at(scene, ws, tree, scale(d, middle), gap, certified):
+                if _try(scene, ws, tree, scale(d, middle), gap, certified) == CLEAR:
                     high = middle
                 else:
                     low = middle
-            if high < nearest - NEAREST * 1e-3:
-                nearest, towards = high, d
+            nearest, towards = high, d
         if nearest < math.inf:
             break
         distance *= FARTHER

@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 MAX_ITERATIONS = 25  # iterations of a search
 TRANSLATION_ITERATIONS = 14  # iterations where trees are only translated
 FIRST_ITERATIONS = 60  # iterations of that of the first frame
-PARTS = (4, 24)  # parts into which a step is divided where no start is free
+PARTS, LARGEST_PART = 32, 8  # a step is divided where no start is free: into parts of 8 of 32, halved where one is not solved
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
 
 
@@ -212,27 +212,27 @@ def _in_parts(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats, gap: float
 ) -> tuple[bool, int]:
     """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, iterations)."""
-    work, iterations = ws.work, 0
-    for parts in PARTS:
-        free = True
-        for part in range(1, parts + 1):
-            pose_surroundings(scene, state, ws, recorded, part / parts if part < parts else 1.0)
-            list_pairs(scene, ws)
-            found = _attempt(scene, state, ws, roots, angles, gap, False)
+    work, iterations, done, part = ws.work, 0, 0, LARGEST_PART
+    while done < PARTS and part > 0:
+        end = min(done + part, PARTS)
+        pose_surroundings(scene, state, ws, recorded, end / PARTS)
+        list_pairs(scene, ws)
+        found = _attempt(scene, state, ws, roots, angles, gap, False)
+        iterations += found.iterations
+        if not found.free:
+            found = _separate_after_part(scene, ws, angles, gap)
             iterations += found.iterations
-            if not found.free:
-                found = _separate_after_part(scene, ws, angles, gap)
-                iterations += found.iterations
-            if not found.free:
-                free = False
-                break
-            copy_unlocked(scene, ws, work.best, work.before)
-            _move_before(scene, ws)
-        if free:
-            return True, iterations
-        for tree in range(len(work.mobility)):
-            if is_recorded(scene, tree) and (work.mobility[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
-                copy_tree(scene, state.last, tree, work.before)
+        if not found.free:
+            part //= 2
+            continue
+        copy_unlocked(scene, ws, work.best, work.before)
+        _move_before(scene, ws)
+        done = end
+    if done == PARTS:
+        return True, iterations
+    for tree in range(len(work.mobility)):
+        if is_recorded(scene, tree) and (work.mobility[tree] != LOCKED or scene.trees.role[tree] != DRIVEN):
+            copy_tree(scene, state.last, tree, work.before)
     pose_surroundings(scene, state, ws, recorded, 1.0)
     return False, iterations
 

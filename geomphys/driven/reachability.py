@@ -269,14 +269,20 @@ def _judge_listed(scene: Scene, ws: DrivenWorkspace, posture: Posture, enough: f
 
 
 @noinline
+def find_obstruction(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
+    """The first near pair of `measure_swept_pairs` that is not certified to get to `posture` freely; -1: all are."""
+    for k in range(ws.near.counts.filled):
+        if is_unlocked_pair(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
+            return k
+    return -1
+
+
+@noinline
 def judge_anew(scene: Scene, ws: DrivenWorkspace, posture: Posture) -> int:
     """As `judge`, for any posture."""
     if measure_swept_pairs(scene, ws, posture) < 0.0:
         return IN_COLLISION
-    for k in range(ws.near.counts.filled):
-        if is_unlocked_pair(ws, k) and not path_of_pair_is_free(scene, ws, posture, k):
-            return UNCERTIFIED
-    return FREE
+    return FREE if find_obstruction(scene, ws, posture) < 0 else UNCERTIFIED
 
 
 @noinline
