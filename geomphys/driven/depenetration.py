@@ -2,7 +2,7 @@
 
 Only the first frame, or bodies that have closed on a tree, need it. In the first frame any free position is valid; later
 one that can be reached has priority. Distances grow by the factor `FARTHER`, so a free gap between
-two of them may be missed.
+two of them may be missed. A direction in which nothing can be reached, however fast, is given up.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FARTHER = 1.3  # factor from one tried distance to the next
 DISTANCES = 30
 BISECTIONS = 12
 
-CLEAR, BLOCKED, OBSTRUCTED = 0, 1, 2  # outcomes of a try
+CLEAR, BLOCKED, OBSTRUCTED = 0, 1, 2  # verdicts on a translation
 
 
 @kernel
@@ -65,17 +65,19 @@ def _is_obstructed_before(scene: Scene, ws: DrivenWorkspace, tree: int, k: int) 
 
     It then obstructs any farther path in this direction, however fast it is.
     """
-    work, a, b = ws.work, ws.near.a[k], ws.near.b[k]
+    work, a, b, d = ws.work, ws.near.a[k], ws.near.b[k], ws.detection
+    other = ws.near.tree_b[k] if ws.near.tree_a[k] == tree else ws.near.tree_a[k]
     copy_tree(scene, work.start, tree, work.trial)
-    for other in (ws.near.tree_a[k], ws.near.tree_b[k]):
-        if other != tree:
-            copy_tree(scene, work.before, other, work.trial)
-    d, moved = ws.detection, ws.piece_frames.moved
-    return not path_is_free(scene, work.before.poses, work.trial.poses, a, b, moved, d.axes, d.scratch)
+    copy_tree(scene, work.before, other, work.trial)
+    obstructs = not path_is_free(
+        scene, work.before.poses, work.trial.poses, a, b, ws.piece_frames.moved, d.axes, d.scratch
+    )
+    copy_tree(scene, work.iterate, other, work.trial)
+    return obstructs
 
 
 @noinline
-def _try(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> int:
+def _judge_translation(scene: Scene, ws: DrivenWorkspace, tree: int, path: Vec, gap: float, certified: bool) -> int:
     """Whether a tree, translated from `iterate`, is clear by the gap and, if `certified`, reachable from the step's start.
 
     CLEAR, BLOCKED, or OBSTRUCTED: nor is any position reachable that is farther in this direction. The pieces that were last
@@ -111,14 +113,14 @@ def _free_tree(scene: Scene, ws: DrivenWorkspace, tree: int, gap: float, certifi
                 continue
             d = _direction(number)
             high = min(distance, nearest - NEAREST * 1e-3)  # farther ones do not matter any more
-            found = _try(scene, ws, tree, scale(d, high), gap, certified)
+            found = _judge_translation(scene, ws, tree, scale(d, high), gap, certified)
             closed |= int(found == OBSTRUCTED) << number
             if found != CLEAR:
                 continue
             low = distance / FARTHER if distance > NEAREST else 0.0
             for _ in range(BISECTIONS):
                 middle = 0.5 * (low + high)
-                if _try(scene, ws, tree, scale(d, middle), gap, certified) == CLEAR:
+                if _judge_translation(scene, ws, tree, scale(d, middle), gap, certified) == CLEAR:
                     high = middle
                 else:
                     low = middle

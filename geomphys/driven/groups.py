@@ -36,7 +36,8 @@ Floats = NDArray[np.float64]
 MAX_ITERATIONS = 25  # iterations of a search
 TRANSLATION_ITERATIONS = 14  # iterations where trees are only translated
 FIRST_ITERATIONS = 60  # iterations of that of the first frame
-PARTS, LARGEST_PART = 32, 8  # a step is divided where no start is free: into parts of 8 of 32, halved where one is not solved
+PARTS = 32  # least parts of a step that is divided, as no start is free
+LARGEST_PART = 8  # of these, how many are taken at once at first
 GLOBAL, LEAST_DISTANCE, INTERPOLATED = 0, 1, 2  # methods, in the order of results.METHODS
 
 
@@ -211,7 +212,10 @@ def _move_before(scene: Scene, ws: DrivenWorkspace) -> None:
 def _in_parts(
     scene: Scene, state: DrivenState, ws: DrivenWorkspace, roots: Floats, angles: Floats, recorded: Floats, gap: float
 ) -> tuple[bool, int]:
-    """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, iterations)."""
+    """Move the surroundings of a group in parts of the step, and the group with them: (whether it is free, iterations).
+
+    Parts are halved from where one is not solved.
+    """
     work, iterations, done, part = ws.work, 0, 0, LARGEST_PART
     while done < PARTS and part > 0:
         end = min(done + part, PARTS)

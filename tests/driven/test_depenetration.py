@@ -20,8 +20,11 @@ from tests.simulated.scenes import Thing, make_scene
 RADIUS, HALF_THICKNESS, GAP = 0.02, 1e-3, 1e-5  # m
 
 
-def freed(height: float, before: float, certified: bool) -> tuple[bool, np.ndarray]:
-    """Whether a ball with its centre `height` [m] above that of a plate is freed, and to where; it was at `before`."""
+def freed(height: float, before: float, certified: bool, raised: float = 0.0) -> tuple[bool, np.ndarray]:
+    """Whether a ball with its centre `height` [m] above that of a plate is freed, and to where; it was at `before`.
+
+    The plate has been `raised` [m] in the step.
+    """
     scene = make_scene(
         [
             Thing(shape=Sphere(RADIUS), role=s.DRIVEN, at=(0, 0, height)),
@@ -34,11 +37,14 @@ def freed(height: float, before: float, certified: bool) -> tuple[bool, np.ndarr
     for posture in (work.before, work.iterate, work.trial, work.start, work.best):
         posture.roots[:], posture.poses[:] = scene.trees.rest, data.recorded
     work.before.roots[0, 2] = work.before.poses[0, 2] = before
+    work.before.poses[1, 2] -= raised
     clear_pairs(ws)
     for tree in range(2):
         update_boxes(packed, data.workspace.piece_frames.frames, ws.detection.boxes, tree)
     free = find_depenetration(packed, ws, GAP, certified)
     assert work.mobility.tolist() == [TRANSLATION, LOCKED]
+    for posture in (work.iterate, work.trial, work.start, work.best):  # the plate stands where it was in all
+        assert posture.poses[1].tolist() == data.recorded[1].tolist()
     return bool(free), work.best.roots[0, :3].copy()
 
 
@@ -50,10 +56,11 @@ def test_the_nearest_free_position_is_on_the_nearer_side(height: float) -> None:
     assert abs(at[2]) >= RADIUS + HALF_THICKNESS + GAP  # never less than the gap
 
 
+@pytest.mark.parametrize("raised", [0.0, 1e-3])
 @pytest.mark.parametrize("before", [-0.03, 0.03])
-def test_only_the_side_that_it_came_from_can_be_reached(before: float) -> None:
+def test_only_the_side_that_it_came_from_can_be_reached(before: float, raised: float) -> None:
     """A little beyond the middle, the nearer side is that behind the plate."""
-    free, at = freed(-math.copysign(2e-3, before), before, certified=True)
+    free, at = freed(-math.copysign(2e-3, before), before, certified=True, raised=raised)
     assert free
     assert at[2] == pytest.approx(math.copysign(RADIUS + HALF_THICKNESS + GAP, before), abs=1e-4)
 
