@@ -127,12 +127,20 @@ def viewpoint_of(
     else:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         points = middle + _SURROUNDINGS * (points - middle)
+    scene = world.scene
+    fixed = (scene.bodies.role == FIXED) & ~np.isin(np.arange(len(world.body_names)), bodies)
+    moves = scene.trees.moving[scene.bodies.tree] != 0
+    still = fixed if len(results) == 1 else fixed & ~moves
     contacts = [
-        ContactFrame(result.contacts.point[:: max(1, len(result.contacts.point) // 4)], np.zeros((0, 3, 3)))
+        ContactFrame(
+            result.contacts.point[:: max(1, len(result.contacts.point) // 4)],
+            _triangles(world, result, np.flatnonzero(fixed & ~still)),
+        )
         for result in results[:: max(1, len(results) // 8)]
         if len(result.contacts.point)
     ]
-    return _backed_off(choose_viewpoint(points, _static_triangles(world, results[0]), contacts), points, size)
+    occluders = _triangles(world, results[0], np.flatnonzero(still))
+    return _backed_off(choose_viewpoint(points, occluders, contacts), points, size)
 
 
 def _backed_off(eye: Viewpoint, points: Floats, size: tuple[int, int]) -> Viewpoint:
@@ -205,11 +213,10 @@ def _corners(boxes: _Box, poses: Floats, bodies: NDArray[np.int64]) -> Floats:
     return flat
 
 
-def _static_triangles(world: World, result: FrameResult) -> Floats:
-    """Triangles (n, 3, 3) of bodies that never move, world frame."""
-    bodies, moving = world.scene.bodies, world.scene.trees.moving
+def _triangles(world: World, result: FrameResult, bodies: NDArray[np.int64]) -> Floats:
+    """Triangles (n, 3, 3) of bodies, world frame."""
     found = [np.zeros((0, 3, 3))]
-    for body in np.flatnonzero((bodies.role == FIXED) & (moving[bodies.tree] == 0)):
+    for body in bodies:
         vertices, faces = world.triangles[body]
         pose = result.corrected[body]
         found.append((vertices @ rotation_from_quaternion(pose[3:]).T + pose[:3])[faces])

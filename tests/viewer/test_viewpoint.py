@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import geomphys
 from geomphys.numerics.transforms import apply, matrix_from_pose
@@ -16,6 +18,7 @@ from geomphys.scene.arrays import DRIVEN, SIMULATED
 from geomphys.scene.world import World
 from geomphys.viewer.frame_picture import viewpoint_of
 from geomphys.viewer.ray_caster import Camera
+from tests.driven.logs import Thing, play
 from tests.made import Results
 
 
@@ -62,3 +65,18 @@ def test_what_the_hand_touches_is_in_the_picture(landed: Results) -> None:
         row |= {"body_a": np.array([hand]), "body_b": touched}
         beside.append(replace(result, corrected=poses, contacts=contacts._replace(**row)))
     assert share_in_picture(world, beside, touched, (400, 300)) > 0.99
+
+
+@pytest.mark.parametrize("frames", [1, 3], ids=["one frame", "a stretch"])
+def test_a_recorded_thing_that_moves_does_not_hide_what_touches(tmp_path: Path, frames: int) -> None:
+    """A plate beside the cube, moved by the recording, where the camera would stand otherwise."""
+    still = np.tile([0.0, 0.0, 0.05], (frames, 1))
+    cube = Thing(name="cube", shape=("box", 0.1, 0.1, 0.1), role="driven", path=still)
+    table = Thing(name="table", shape=("box", 0.4, 0.4, 0.02), at=(0.0, 0.0, -0.0095))  # the cube is in it by 0.5 mm
+    alone = play(tmp_path / "alone", [cube, table])
+    across = viewpoint_of(alone.world, alone.results).position[:2]
+    across = across / np.linalg.norm(across)
+    turn = Rotation.from_euler("z", np.arctan2(across[1], across[0])).as_quat()
+    path = np.array([[*(0.09 + 0.001 * k) * across, 0.3, *turn] for k in range(frames)])
+    hidden = play(tmp_path / "hidden", [cube, table, Thing(name="plate", shape=("box", 0.01, 1.0, 1.0), path=path)])
+    assert viewpoint_of(hidden.world, hidden.results).position[:2] @ across < 0.09
